@@ -1,10 +1,9 @@
-//! The life of the daemon: look at the folders, take what grows and what has settled, stop when told.
+//! The main loop of the daemon: scan the folders, read growing and settled files, stop on request.
 //!
-//! File events only say "look again"; the look decides, and comparing it with the ledger makes
-//! looking twice harmless. Nothing here waits for a file system: folders, exports and the configuration are read by
-//! threads of their own. Files that grow are read at once, each on its own; files that have settled
-//! are the backlog: a few at a time, those of one robot one after the other, so that its history grows in the
-//! order of the names.
+//! File events only trigger a scan; the scan decides, and the comparison with the ledger makes repeated scans harmless.
+//! The main loop never waits for a file system: separate threads read folders, exports and the configuration. Growing
+//! files are read at once, each independently; settled files are the backlog: a few are read at a time, and those of
+//! one robot one after the other, so that its history grows in the order of the names.
 
 mod archive;
 pub mod disks;
@@ -64,26 +63,26 @@ use vanished::Missing;
 /// At a stop, the daemon abandons exports whose disk or file server has not answered for this long.
 const UNANSWERED_AT_STOP: Duration = Duration::from_secs(5);
 
-/// After this time, the log says that the configuration cannot be read. The earlier one stays in force.
+/// After this time, the log reports that the configuration cannot be read. The earlier one stays in force.
 const REREAD_WITHIN: Duration = Duration::from_secs(5);
 
-/// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
-/// fleet's backlog takes minutes, and who stops a service waits for seconds.
+/// Time for drawing waiting conclusions when the daemon stops; the next start draws the others. A fleet's backlog takes
+/// minutes, and stopping a service should take seconds.
 const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
 
-/// Files about which the database is asked in one statement.
+/// Most files per database query.
 const FILES_ASKED_AT_ONCE: usize = 500;
 
-/// What the daemon has to say.
+/// An event that the daemon reports.
 #[derive(Debug)]
 pub enum DaemonEvent<'a> {
-    /// What became of an export.
+    /// The outcome of an export.
     Export(&'a Path, &'a Outcome),
-    /// What a robot's history says.
+    /// New conclusions from a robot's history.
     Concluded(&'a Concluded),
 }
 
-/// Why a run ends whose file is gone.
+/// Why a run ends if its file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
 
 /// Reads the configuration again; logs the reason if it cannot be used. Called on a separate thread.
@@ -92,56 +91,56 @@ pub type Reread = Arc<dyn Fn() -> Option<Config> + Send + Sync>;
 /// A configuration that is being read.
 struct Rereading {
     read: oneshot::Receiver<Option<Config>>,
-    /// When it is said that it does not come; `None` after that.
+    /// When its delay is logged; `None` after that.
     due: Option<Instant>,
 }
 
-/// The daemon at work.
+/// The running daemon.
 struct RunningDaemon {
     pipeline: Pipeline,
     reread: Reread,
     rereading: Option<Rereading>,
-    /// Another request has arrived since.
+    /// Another request has arrived in the meantime.
     rereads_again: bool,
-    /// Files that are read again when the configuration is.
+    /// Files that are read again with the new configuration.
     retries: HashSet<PathBuf>,
     stop: CancellationToken,
     schedule: FileSchedule,
     missing: Missing,
     left_out: LeftOutPlaces,
     exports: ExportTasks,
-    /// The configuration was read again, and what watches the folders does not know it yet.
+    /// The configuration was read again, and the folder scanner does not know it yet.
     is_reloaded: bool,
-    /// Files that were to be read again at the last look.
+    /// Files that were marked for reading again at the last scan.
     asked: HashSet<PathBuf>,
     /// Robots that wait for conclusions.
     stale: Stale,
     /// Conclusions being drawn, one robot at a time.
     concluding: JoinSet<(String, Result<Conclusion, PipelineError>)>,
-    /// The robot that they are of.
+    /// The robot of these conclusions.
     concluded_robot: Option<String>,
-    /// Tests that are judged while they are written.
+    /// Tests that are evaluated while they are written.
     open_tests: OpenTests,
 }
 
-/// What a daemon works with besides its pipeline.
+/// The daemon's resources besides its pipeline.
 pub struct Control {
-    /// The database is this daemon's.
+    /// The daemon's claim on the database.
     pub claim: DaemonClaim,
-    /// Ends it.
+    /// Stops the daemon.
     pub stop: CancellationToken,
-    /// Asks it to read its configuration again; see [`reload_on_hangup`].
+    /// Requests to read the configuration again; see [`reload_on_hangup`].
     pub reload: mpsc::Receiver<()>,
-    /// Reads the configuration, when asked to and when quarantined exports are to be read again, because their
-    /// robot or layout may have been corrected.
+    /// Reads the configuration, on request and before quarantined exports are read again, because their robot or layout
+    /// may have been corrected.
     pub reread: Reread,
 }
 
-/// Watches the configured folders until a stop is asked for, then finishes the cycles in hand. `report` hears the
-/// outcome of every export and what each robot's history says.
+/// Watches the configured folders until a stop is requested, then finishes the current cycles. `report` receives the
+/// outcome of every export and the conclusions of each robot.
 ///
 /// # Errors
-/// [`PipelineError`] where the daemon cannot go on, such as a full disk.
+/// [`PipelineError`] if the daemon cannot continue, for example with a full disk.
 pub async fn watch(
     pipeline: &Pipeline,
     control: Control,
@@ -174,9 +173,9 @@ pub async fn watch(
     work.suspect(began, failed);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
     let watched = work.run_loop(reload, &mut report).await;
-    // after a failure the others finish their cycles too
+    // after a failure, the other exports finish their cycles too
     work.stop.cancel();
-    // an archive that does not answer is examined at the next start
+    // an archive without answer is examined at the next start
     if let Ok(missed) = tokio::time::timeout(UNANSWERED_AT_STOP, missed).await {
         missed?;
     }
@@ -193,7 +192,7 @@ pub async fn watch(
         }
     }
     watched?;
-    // what is not concluded then is concluded when the daemon starts again
+    // the remaining conclusions are drawn when the daemon starts again
     let end = Instant::now() + CONCLUDE_AT_STOP;
     while Instant::now() < end
         && let Some(robot) = work.stale.next(Instant::now(), |_| true)
@@ -204,7 +203,7 @@ pub async fn watch(
     Ok(())
 }
 
-/// Reports what a robot's history says.
+/// Reports conclusions from a robot's history.
 fn announce(concluded: &Concluded, report: &mut impl FnMut(DaemonEvent<'_>)) {
     report(DaemonEvent::Concluded(concluded));
 }
@@ -237,7 +236,7 @@ impl RunningDaemon {
         }
     }
 
-    /// Lets files that the program did not survive be read one at a time.
+    /// Lets files that crashed the program be read one at a time.
     fn suspect(&mut self, began: Instant, failed: Vec<(PathBuf, u32)>) {
         for (path, attempts) in &failed {
             tracing::warn!(
@@ -248,14 +247,14 @@ impl RunningDaemon {
         self.schedule.suspect(Suspects::new(began, failed));
     }
 
-    /// The settings in force, folders from the root on, as paths are stored.
+    /// The settings in force, with absolute folders, like stored paths.
     fn watch_settings(&self) -> WatchSettings {
         let mut settings = self.pipeline.config().watch.clone();
         settings.folders.iter_mut().for_each(|folder| *folder = archive::from_root(folder));
         settings
     }
 
-    /// Scans and takes files until a stop is asked for.
+    /// Scans and reads files until a stop is requested.
     async fn run_loop(
         &mut self,
         mut reload: mpsc::Receiver<()>,
@@ -320,7 +319,7 @@ impl RunningDaemon {
         Ok(())
     }
 
-    /// What the daemon is at, for people who ask the service manager.
+    /// Current activity of the daemon, for the service manager.
     fn at_work(&self) -> String {
         format!(
             "{} exports being read, {} wait, {} robots to conclude",
@@ -337,7 +336,7 @@ impl RunningDaemon {
         self.leave_known(&look.files).await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.schedule.note(&look.files, Instant::now(), lane_of);
-        // files are taken also while the database is busy
+        // files are read also while the database is busy
         retries?;
         let is_there = |path: &Path| !vanished::is_missing(path, look);
         self.pipeline.store().unblock_vanished(is_there).await?;
@@ -357,9 +356,9 @@ impl RunningDaemon {
         Ok(())
     }
 
-    /// Leaves files alone that are seen for the first time and whose fate was decided as they lie there: a start with a
-    /// hundred thousand of them asks the database a few hundred times. With an archive, each is looked at, since it
-    /// may have to be moved there.
+    /// Skips files that are seen for the first time and have not changed since their treatment was decided: a start
+    /// with a hundred thousand of them needs a few hundred queries. If there is an archive, each file is processed,
+    /// since it may have to be archived.
     async fn leave_known(&mut self, files: &[Sighting<'_>]) -> Result<(), PipelineError> {
         if self.pipeline.config().watch.archive.is_some() {
             return Ok(());
@@ -379,7 +378,7 @@ impl RunningDaemon {
     async fn give_up_vanished(&mut self, look: &FolderLooks<'_>) -> Result<(), PipelineError> {
         let store = self.pipeline.store();
         let mut unfinished = store.unfinished_sources().await?;
-        // what is open is read to its end, also when its name is gone
+        // an open file is read to its end, even if its name is gone
         unfinished.retain(|source| !self.pipeline.is_open(source.run_id));
         let settle = self.pipeline.config().watch.settle;
         for run_id in self.missing.note(&unfinished, look, settle, Instant::now()) {
@@ -394,8 +393,7 @@ impl RunningDaemon {
         Ok(())
     }
 
-    /// Begins to read the configuration again, for exports that are taken from then on; one that cannot be used changes
-    /// nothing.
+    /// Starts to read the configuration again, for exports from then on. An invalid configuration changes nothing.
     fn reload(&mut self) {
         if self.rereading.is_some() {
             self.rereads_again = true;
@@ -403,7 +401,7 @@ impl RunningDaemon {
         }
         let (reread, (answer, read)) = (Arc::clone(&self.reread), oneshot::channel());
         let reading = std::thread::Builder::new().name("configuration".into()).spawn(move || {
-            // a daemon that ends does not wait for it
+            // a daemon that stops does not wait for it
             let _ = answer.send(reread());
         });
         if let Err(error) = reading {
@@ -412,7 +410,7 @@ impl RunningDaemon {
         self.rereading = Some(Rereading { read, due: Some(Instant::now() + REREAD_WITHIN) });
     }
 
-    /// Takes over a configuration that was read again, unless it cannot be used. Returns whether exports waited for it.
+    /// Applies a configuration that was read again, if it is valid. Returns true if exports waited for it.
     fn reloaded(&mut self, config: Option<Config>) -> bool {
         self.rereading = None;
         if let Some(config) = config {
@@ -427,7 +425,8 @@ impl RunningDaemon {
         self.retry()
     }
 
-    /// Says that the configuration does not come; exports that wait for it go on without. Returns whether there are any.
+    /// Logs that the configuration is not readable; exports that wait for it continue without it. Returns true if there
+    /// are any.
     fn reread_is_overdue(&mut self) -> bool {
         if let Some(reading) = &mut self.rereading {
             reading.due = None;
@@ -440,7 +439,7 @@ impl RunningDaemon {
         self.retry()
     }
 
-    /// Lets exports be taken again that a person asked for, by the configuration as it is now.
+    /// Lets exports that a person requested be read again, with the present configuration.
     async fn note_retries(&mut self) -> Result<(), PipelineError> {
         let asked = self.pipeline.store().paths_to_retry().await?;
         let asked: HashSet<PathBuf> = asked.into_iter().collect();
@@ -452,7 +451,7 @@ impl RunningDaemon {
         Ok(())
     }
 
-    /// Lets the exports be taken again that wait for the configuration. Returns whether there are any.
+    /// Lets the exports that wait for the configuration be read again. Returns true if there are any.
     fn retry(&mut self) -> bool {
         let waits = !self.retries.is_empty();
         let (config, now) = (self.pipeline.config(), Instant::now());
@@ -462,7 +461,7 @@ impl RunningDaemon {
         waits
     }
 
-    /// Writes down that a folder has stopped or begun to answer, for commands that ask the database.
+    /// Stores that a folder has stopped or begun to answer, for commands that query the database.
     async fn note_answer(&mut self, turned: &Turned) -> Result<(), PipelineError> {
         let folder = turned.folder.display().to_string();
         let noted = self.pipeline.store().note_folder(&folder, turned.looked_at, turned.answers).await;
@@ -475,16 +474,16 @@ impl RunningDaemon {
         }
     }
 
-    /// When something is due though nothing happens.
+    /// Time of the next action that needs no event.
     fn next_event(&self) -> Option<Instant> {
         let now = Instant::now();
         let places = self.exports.next_look(&self.schedule, now);
-        // while conclusions are drawn, their end is waited for
+        // while conclusions are being drawn, only their end matters
         let stale = if self.concluding.is_empty() { self.stale.next_look(now) } else { None };
         places.into_iter().chain(stale).min()
     }
 
-    /// Takes over the robots that wait for conclusions, and says of which of them they failed.
+    /// Takes over the robots that wait for conclusions, and those whose conclusions failed.
     fn take_over_stale(&mut self, stale: &[StaleRobot], faults: &[ConclusionFault]) {
         for fault in faults {
             tracing::warn!(robot = fault.robot, "nothing new is concluded of this robot: {}", fault.reason);
@@ -492,7 +491,7 @@ impl RunningDaemon {
         self.stale.take_over(stale, faults, Instant::now());
     }
 
-    /// Begins conclusions for the robot whose turn it is.
+    /// Starts conclusions for the robot whose turn it is.
     fn conclude_what_is_due(&mut self) {
         if !self.concluding.is_empty() {
             return;
@@ -512,7 +511,7 @@ impl RunningDaemon {
         });
     }
 
-    /// Announces conclusions, or notes that they are still to be drawn.
+    /// Reports conclusions, or notes that they are still to be drawn.
     fn concluded(
         &mut self,
         (robot, result): (String, Result<Conclusion, PipelineError>),
@@ -544,7 +543,7 @@ impl RunningDaemon {
         Ok(())
     }
 
-    /// Notes, logs and reports what became of a file.
+    /// Notes, logs and reports the outcome of a file.
     fn close(
         &mut self,
         closed: Closed,
@@ -582,16 +581,16 @@ impl RunningDaemon {
     }
 }
 
-/// Waits for a configuration that is being read; for ever where none is.
+/// Waits for a configuration that is being read, or for ever if none is.
 async fn read_again(rereading: &mut Option<Rereading>) -> Option<Config> {
     match rereading {
-        // without a thread, or after its panic, there is no configuration
+        // if the thread could not start or panicked, there is no configuration
         Some(reading) => (&mut reading.read).await.unwrap_or(None),
         None => std::future::pending().await,
     }
 }
 
-/// Waits until then, or for ever.
+/// Waits until `moment`, or for ever.
 async fn until(moment: Option<Instant>) {
     match moment {
         Some(moment) => tokio::time::sleep_until(moment.into()).await,

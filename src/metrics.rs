@@ -1,10 +1,10 @@
-//! Figures that the process keeps of its own work, for Prometheus: counters, gauges and histograms of what is read,
-//! analysed, stored, concluded and answered since it started.
+//! Metrics of the process's own work, for Prometheus: counters, gauges and histograms of rows read, cycles analysed and
+//! stored, conclusions and answers since its start.
 //!
-//! Whoever does the work counts it here; `serve` writes the figures down when it is asked. What is stored is not
-//! counted twice: figures of robots and alarms come from the database. Names and units follow the conventions of
+//! Each part of the program counts its own work here; `serve` prints the metrics on request. Stored results are not
+//! counted twice: metrics of robots and alarms come from the database. Names and units follow the conventions of
 //! Prometheus (prometheus.io/docs/practices/naming). Labels have few values that are known beforehand; the label
-//! `robot` has those of growing files alone and goes with them.
+//! `robot` exists only for growing files and is removed with them.
 
 mod kinds;
 mod process;
@@ -28,7 +28,7 @@ use armwatch_model::text;
 
 pub use kinds::{Disk, ExportEnd, Queue, WorkStage};
 
-/// Upper bounds of the durations of a piece of work, s: from a small transaction to a cycle on a slow machine.
+/// Upper bounds of the durations of a work stage, s: from a small transaction to a cycle on a slow machine.
 const WORK_SECONDS: [f64; 14] =
     [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 15.0, 60.0];
 
@@ -38,11 +38,11 @@ const LAG_SECONDS: [f64; 12] = [0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 2.0, 5
 /// Upper bounds of the durations of answers, s.
 const ANSWER_SECONDS: [f64; 11] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 5.0];
 
-/// Figures of the process. Clones share them. The default keeps none, for commands that nobody asks for them.
+/// Metrics of the process, shared by clones. The default keeps none, for commands that are never queried.
 #[derive(Debug, Clone, Default)]
 pub struct Metrics(Option<Arc<Families>>);
 
-/// Names of labels with the values that a sample has.
+/// Names of labels with the values of a sample.
 type Labels<const N: usize> = [(&'static str, String); N];
 
 type Histograms<const N: usize> = Family<Labels<N>, Histogram, fn() -> Histogram>;
@@ -79,31 +79,31 @@ struct Families {
     request_seconds: Histograms<2>,
 }
 
-/// When a watched folder was looked at.
+/// State of a watched folder.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FolderState {
     /// The folder.
     pub folder: String,
-    /// When the last look at it ended, since this process started.
+    /// When its last scan ended, since this process started.
     pub looked_at: Option<Timestamp>,
-    /// Whether the last look ended in time and none hangs.
+    /// True if the last scan ended in time and none hangs.
     pub answers: bool,
 }
 
-/// What is kept of a folder.
+/// Stored state of a folder.
 #[derive(Debug)]
 struct FolderLook {
     looked_at: Option<Timestamp>,
     is_silent: bool,
-    /// When the next look has to be over.
+    /// Latest end of the next scan.
     due: Instant,
     interval: Duration,
 }
 
-/// A look at a folder may take so much longer than the one before, and than the time between two.
+/// A scan of a folder may take this much longer than the one before, and than the interval of scans.
 const LOOK_TAKES: Duration = Duration::from_secs(60);
 
-/// A look at a folder may take so many times as long as the one before.
+/// A scan of a folder may take this many times as long as the one before.
 const LOOK_TAKES_TIMES: u32 = 10;
 
 #[derive(Debug)]
@@ -111,12 +111,12 @@ struct LiveFigures {
     begun: Family<Labels<1>, TimeGauge>,
     last_read: Family<Labels<1>, TimeGauge>,
     last_cycle: Family<Labels<1>, TimeGauge>,
-    /// Files that are read, by robot: its samples go with the last of them.
+    /// Number of files being read, by robot: a robot's samples are removed with the last of them.
     open: Mutex<HashMap<String, usize>>,
 }
 
 impl Metrics {
-    /// Figures that are kept, with those of the process itself where the system tells them (Linux).
+    /// Metrics that count, including those of the process itself if the system reports them (Linux).
     #[must_use]
     pub fn counting() -> Self {
         Self(Some(Arc::new(Families::new())))
@@ -128,14 +128,14 @@ impl Metrics {
         }
     }
 
-    /// A piece of a stage is done.
+    /// Counts a completed piece of a work stage.
     pub fn stage(&self, stage: WorkStage, took: Duration) {
         self.with(|of| {
             of.stage_seconds.get_or_create(&labels([("stage", stage.name())])).observe(took.as_secs_f64());
         });
     }
 
-    /// A cycle of so many rows was cut, for which so many bytes of its file were read.
+    /// Counts a cut cycle of `rows` rows and `bytes` bytes of its file.
     pub fn cycle_read(&self, rows: usize, bytes: u64) {
         self.with(|of| {
             of.rows.inc_by(rows as u64);
@@ -143,32 +143,32 @@ impl Metrics {
         });
     }
 
-    /// A cycle is stored; `written` is when the row that ended it was written, where that is known.
+    /// Counts a stored cycle; `written` is when the row that ended it was written, if known.
     pub fn cycle_stored(&self, written: Option<SystemTime>) {
         self.with(|of| {
             of.cycles.inc();
-            // a clock that was set back says nothing
+            // ignore the lag if the clock was set back
             if let Some(Ok(lag)) = written.map(|at| SystemTime::now().duration_since(at)) {
                 of.cycle_lag_seconds.observe(lag.as_secs_f64());
             }
         });
     }
 
-    /// What became of an export.
+    /// Counts the outcome of an export.
     pub fn export(&self, end: ExportEnd) {
         self.with(|of| {
             of.exports.get_or_create(&labels([("end", end.name())])).inc();
         });
     }
 
-    /// Conclusions of a robot failed.
+    /// Counts failed conclusions of a robot.
     pub fn conclusion_failed(&self) {
         self.with(|of| {
             of.conclusion_failures.inc();
         });
     }
 
-    /// Files that wait in a queue, and that are being read from it.
+    /// Sets the number of files that wait in a queue, and of those being read from it.
     pub fn queue(&self, queue: Queue, waiting: usize, reading: usize) {
         self.with(|of| {
             let labels = labels([("queue", queue.name())]);
@@ -177,7 +177,7 @@ impl Metrics {
         });
     }
 
-    /// The watched folders were looked at, and have so many exports.
+    /// Records a scan of the watched folders, which found `files` exports.
     pub fn scanned(&self, files: usize, took: Duration) {
         self.with(|of| {
             of.watched_files.set(whole(files));
@@ -185,7 +185,7 @@ impl Metrics {
         });
     }
 
-    /// These folders are watched from now on, each looked at once in `interval`.
+    /// Sets the watched folders, each scanned once per `interval`.
     pub fn keep_folders(&self, folders: &[PathBuf], interval: Duration) {
         self.with(|of| {
             let mut known = of.folders.lock().unwrap_or_else(PoisonError::into_inner);
@@ -209,7 +209,7 @@ impl Metrics {
         });
     }
 
-    /// A look at a watched folder has ended; `looked_at` is the time of the last one that could look into it.
+    /// Records that a scan of a watched folder has ended; `looked_at` is the time of the last scan that could read it.
     pub fn folder_answers(&self, folder: &Path, looked_at: Option<Timestamp>, took: Duration) {
         self.note_folder(folder, |look| {
             (look.looked_at, look.is_silent) = (looked_at, false);
@@ -217,7 +217,7 @@ impl Metrics {
         });
     }
 
-    /// A look at a watched folder hangs.
+    /// Records that a scan of a watched folder hangs.
     pub fn folder_is_silent(&self, folder: &Path) {
         self.note_folder(folder, |look| look.is_silent = true);
     }
@@ -235,7 +235,7 @@ impl Metrics {
         });
     }
 
-    /// When which watched folder was looked at.
+    /// States of the watched folders.
     #[must_use]
     pub fn folders(&self) -> Vec<FolderState> {
         let Some(of) = &self.0 else { return Vec::new() };
@@ -249,7 +249,7 @@ impl Metrics {
         known.iter().map(state).collect()
     }
 
-    /// A disk that the daemon writes to has stopped or begun to answer.
+    /// Records that a disk that the daemon writes to has stopped or begun to answer.
     pub fn disk_answers(&self, disk: Disk, answers: bool) {
         self.with(|of| {
             of.disks.lock().unwrap_or_else(PoisonError::into_inner).insert(disk, answers);
@@ -264,10 +264,10 @@ impl Metrics {
         of.disks.lock().unwrap_or_else(PoisonError::into_inner).get(&disk).copied().unwrap_or(true)
     }
 
-    /// Begins figures of a growing file of a robot, which end when the last handle is dropped.
+    /// Starts metrics of a growing file of a robot; they are removed when the last handle is dropped.
     #[must_use]
     pub fn live(&self, robot: &str) -> LiveFile {
-        // as its label has it
+        // same form as its label
         let robot = text::distinct(robot).into_owned();
         self.with(|of| {
             let mut open = of.live.open.lock().unwrap_or_else(PoisonError::into_inner);
@@ -280,7 +280,7 @@ impl Metrics {
         LiveFile { metrics: self.clone(), robot }
     }
 
-    /// A copy of the database was written.
+    /// Counts a written copy of the database.
     pub fn snapshot(&self, bytes: u64, took: Duration) {
         self.with(|of| {
             of.snapshot_time.set(now());
@@ -289,14 +289,14 @@ impl Metrics {
         });
     }
 
-    /// A copy of the database could not be written.
+    /// Counts a copy of the database that could not be written.
     pub fn snapshot_failed(&self) {
         self.with(|of| {
             of.snapshot_failures.inc();
         });
     }
 
-    /// A request was answered. `route` is the pattern of the address, never the address itself.
+    /// Counts an answered request. `route` is the pattern of the address, never the address itself.
     pub fn request(&self, method: &str, route: &str, status: &str, took: Duration) {
         self.with(|of| {
             let [method, route] = [("method", method), ("route", route)];
@@ -305,10 +305,10 @@ impl Metrics {
         });
     }
 
-    /// Writes all figures as they are now, in the text format of Prometheus.
+    /// Writes all metrics in the text format of Prometheus.
     ///
     /// # Errors
-    /// That of the writer.
+    /// Those of the writer.
     pub fn write(&self, text: &mut impl fmt::Write) -> fmt::Result {
         self.0.as_ref().map_or(Ok(()), |of| prometheus_text::encode(text, &of.registry))
     }
@@ -456,7 +456,7 @@ impl Families {
             ),
             registry,
         };
-        // what never happened is 0, not missing
+        // events that never happened are 0, not missing
         for stage in WorkStage::ALL {
             drop(families.stage_seconds.get_or_create(&labels([("stage", stage.name())])));
         }
@@ -472,7 +472,7 @@ impl Families {
     }
 }
 
-/// Figures of a growing file that is being read; they go when the last of its robot's is dropped.
+/// Metrics of a growing file that is being read; they are removed when the last handle of its robot is dropped.
 #[derive(Debug)]
 pub struct LiveFile {
     metrics: Metrics,
@@ -480,12 +480,12 @@ pub struct LiveFile {
 }
 
 impl LiveFile {
-    /// Rows were read.
+    /// Counts read rows.
     pub fn read(&self) {
         self.metrics.with(|of| set_now(&of.live.last_read, &self.robot));
     }
 
-    /// A cycle was stored.
+    /// Counts a stored cycle.
     pub fn stored(&self) {
         self.metrics.with(|of| set_now(&of.live.last_cycle, &self.robot));
     }

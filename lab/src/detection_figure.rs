@@ -1,28 +1,28 @@
-//! Probability and delay of detection over the size of what happened: two panels a fault.
+//! Probability and delay of detection over the size of the event: two panels per fault.
 
 use armwatch::report::figure::{Area, ESTIMATED, Figure, Key, Look, Mark, Panel, Series};
 
-/// What is known of one fault.
+/// Detection of one fault by size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectionCurve {
     /// Name of the fault.
     pub fault: String,
-    /// What its size is, with its unit.
+    /// Meaning of its size, with its unit.
     pub size: String,
-    /// Events of about one size, the smallest first.
+    /// Events of similar size, the smallest first.
     pub points: Vec<DetectionPoint>,
 }
 
-/// Events of about one size.
+/// Events of similar size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectionPoint {
     /// The size.
     pub size: f64,
-    /// Part of them with an alarm.
+    /// Share of them with an alarm.
     pub detected: f64,
     /// 95 % interval of that.
     pub detected_95: [f64; 2],
-    /// Median delay of the alarms, tests; not a number without any.
+    /// Median delay of the alarms, tests; NaN if there are none.
     pub delay_tests: f64,
 }
 

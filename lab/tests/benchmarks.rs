@@ -14,7 +14,7 @@ fn armwatch() -> PathBuf {
     program
 }
 
-/// Standard output of a command that has to end with the status `code`.
+/// Standard output of a command that must end with the status `code`.
 fn run(command: &mut Command, code: i32) -> String {
     let output = command.env_remove("ARMWATCH_CONFIG").output().expect("the program starts");
     let [out, err] = [output.stdout, output.stderr].map(|of| String::from_utf8_lossy(&of).into_owned());
@@ -67,7 +67,7 @@ fn a_start_knows_the_files_that_it_left() {
     assert!(known["rounds"][0]["known_s"].as_f64() > known["rounds"][0]["watches_s"].as_f64(), "{out}");
 }
 
-/// Every stage has figures of one kind.
+/// Every stage has the same kinds of values.
 #[test]
 fn the_stages_of_a_cycle_are_measured_one_by_one() {
     let folder = tempfile::tempdir().expect("a folder");

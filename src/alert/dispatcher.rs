@@ -1,5 +1,5 @@
-//! Hands events on to routes and sends what is due, one task a route, so that a slow receiver holds up neither the
-//! others nor the pipeline.
+//! Passes events on to routes and sends due messages, with one task per route, so that a slow receiver delays neither
+//! the others nor the pipeline.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,13 +13,13 @@ use super::worker::Worker;
 use armwatch_config::{AlertSettings, Config};
 use armwatch_store::Store;
 
-/// How long messages on their way may take when the program stops; what has not arrived then is sent at the next start.
+/// Time for messages in transit when the program stops; undelivered ones are sent at the next start.
 const STOP_TIME: Duration = Duration::from_secs(5);
 
-/// Longest and shortest time between two looks for alarms that nobody has answered.
+/// Shortest and longest time between two looks for unacknowledged alarms.
 const REMIND_LOOK: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(60));
 
-/// Delivery at work, beside the daemon.
+/// Running delivery, in parallel with the daemon.
 #[derive(Debug)]
 pub struct Dispatcher {
     nudge: watch::Sender<()>,
@@ -27,14 +27,14 @@ pub struct Dispatcher {
 }
 
 impl Dispatcher {
-    /// Delivers as the newest of `configs` says, until `stop` is cancelled.
+    /// Delivers with the newest of `configs`, until `stop` is cancelled.
     #[must_use]
     pub fn start(store: Store, configs: watch::Receiver<Arc<Config>>, stop: CancellationToken) -> Self {
         let (nudge, heard) = watch::channel(());
         Self { nudge, task: tokio::spawn(deliver(store, configs, stop, heard)) }
     }
 
-    /// Says that there may be something new.
+    /// Reports that there may be new events.
     pub fn nudge(&self) {
         self.nudge.send_replace(());
     }
@@ -66,7 +66,7 @@ async fn deliver(
                         tracing::info!("the routes of alarms have changed");
                         break;
                     }
-                    // the configuration stays as it is
+                    // the configuration no longer changes
                     Err(_) => {
                         stop.cancelled().await;
                         break;
@@ -108,7 +108,7 @@ fn start(
     tasks
 }
 
-/// Ends what routes that are gone have not had.
+/// Closes the deliveries of removed routes.
 async fn retire(store: Store, settings: Arc<AlertSettings>) {
     let names: Vec<&str> = settings.routes.iter().map(|route| route.name.as_str()).collect();
     match store.retire_routes(&names).await {
@@ -120,7 +120,7 @@ async fn retire(store: Store, settings: Arc<AlertSettings>) {
     }
 }
 
-/// Lets alarms that nobody has answered speak again.
+/// Sends unacknowledged alarms again.
 async fn remind(store: Store, after: Duration, end: CancellationToken) {
     let pause = (after / 4).clamp(REMIND_LOOK.0, REMIND_LOOK.1);
     loop {

@@ -3,7 +3,7 @@
 use crate::language::{Language, number, say};
 use armwatch_model::anomaly::quantity::{Form, Quantity};
 
-/// How values and scores of a quantity are written.
+/// Formats values and scores of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Figures(pub(super) Quantity, pub(super) Language);
 
@@ -37,7 +37,7 @@ impl Figures {
     }
 }
 
-/// A figure with four digits that count.
+/// A value with four significant digits.
 fn figure(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();

@@ -1,5 +1,5 @@
-//! A client for webhooks: one POST a connection, HTTP/1.1, plain or over TLS. Redirects are not followed and proxies
-//! not used: an alarm goes where the configuration says.
+//! A client for webhooks: one POST per connection, HTTP/1.1, plain or over TLS. It follows no redirects and uses no
+//! proxies, so that an alarm is sent only to the configured address.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -23,10 +23,10 @@ use super::receiver::SendError;
 use super::secret;
 use armwatch_config::receivers::HttpLogin;
 
-/// Most bytes that are read of an answer; it only matters where it explains a refusal.
+/// Most bytes that are read of an answer; its text is needed only to explain a refusal.
 const ANSWER_BYTES: usize = 16 << 10;
 
-/// Most characters of an answer that are told.
+/// Most characters of an answer that are reported.
 const SHOWN_CHARACTERS: usize = 200;
 
 /// Longest pause that a receiver may ask for.
@@ -35,7 +35,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 /// Posts JSON.
 #[derive(Debug, Clone)]
 pub struct HttpClient {
-    /// Who we are.
+    /// Credentials of the client.
     pub login: HttpLogin,
     /// For `https`.
     pub tls: Option<Arc<ClientConfig>>,
@@ -44,10 +44,10 @@ pub struct HttpClient {
 }
 
 impl HttpClient {
-    /// Posts `body` with `headers`; done when the server has answered 2xx.
+    /// Posts `body` with `headers`; returns when the server has answered 2xx.
     ///
     /// # Errors
-    /// [`SendError::Refused`] for 4xx but 408, 425 and 429, which like 3xx, 5xx and silence are
+    /// [`SendError::Refused`] for 4xx except 408, 425 and 429; these, 3xx, 5xx and no answer are
     /// [`SendError::Unreached`].
     pub async fn post(&self, url: &str, headers: &[(&str, String)], body: String) -> Result<(), SendError> {
         match tokio::time::timeout(self.timeout, self.exchange(url, headers, body)).await {
@@ -106,7 +106,7 @@ impl HttpClient {
                 request = request.header(AUTHORIZATION, format!("Basic {login}"));
             }
         }
-        // the error of a header does not show its value
+        // the error of a header does not reveal its value
         request
             .body(Full::new(Bytes::from(body)))
             .map_err(|error| SendError::unreached(format!("request: {error}")))
@@ -145,7 +145,8 @@ async fn exchange(
         }
         Err(SendError::Unreached { detail, retry_after: pause })
     };
-    // driven beside the exchange and dropped with it; where a server closes at once after its answer, the answer counts
+    // polled together with the exchange and dropped with it; if a server closes right after its answer, the answer
+    // counts
     let driving = async {
         let _ = connection.await;
         std::future::pending::<Infallible>().await
@@ -163,7 +164,7 @@ mod tests {
 
     use super::*;
 
-    /// Answers one request and closes; the port.
+    /// Answers one request and closes; returns the port.
     fn answering(answer: &'static str) -> u16 {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -204,7 +205,7 @@ mod tests {
             post("HTTP/1.1 503 Service Unavailable\r\nRetry-After: 7\r\nContent-Length: 0\r\n\r\n").await;
         let (detail, retry_after) = ("HTTP 503 Service Unavailable".to_owned(), Some(Duration::from_secs(7)));
         assert_eq!(busy, Err(SendError::Unreached { detail, retry_after }));
-        // no answer at all, and one that breaks off
+        // no answer, and an interrupted one
         for cut in ["", "HTTP/1.1 20"] {
             assert!(matches!(post(cut).await, Err(SendError::Unreached { .. })), "{cut:?}");
         }

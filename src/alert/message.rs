@@ -1,6 +1,7 @@
-//! What a receiver is told: one alarm, or a digest of several, as text and as JSON.
+//! Content for a receiver: one alarm, or a digest of several, as text and as JSON.
 //!
-//! Titles, sentences and details are for people and show hidden characters ([`text::shown`]). Names in JSON are as they are.
+//! Titles, sentences and details are for people and show hidden characters ([`text::shown`]). Names in JSON are
+//! unchanged.
 
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -15,17 +16,17 @@ use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_model::text;
 use armwatch_store::{AlarmEvent, EventKind};
 
-/// Who sends.
+/// The sender.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
-    /// What tells this database from others.
+    /// Distinguishes this database from others.
     pub identity: String,
     /// Address of the dashboard, for people.
     pub link: Option<String>,
 }
 
 impl Origin {
-    /// The key of an event, the same in every attempt: what a receiver tells a repetition by.
+    /// The key of an event. It is the same in every attempt, so that a receiver detects repetitions.
     #[must_use]
     pub fn key(&self, event_id: i64) -> String {
         format!("armwatch-{}-{event_id}", self.identity)
@@ -38,28 +39,28 @@ impl Origin {
         Some(format!("{link}/#/alarm/{anomaly_id}"))
     }
 
-    /// What identifies an anomaly at a receiver, whatever happens to it.
+    /// Identity of an anomaly at a receiver, independent of its state.
     #[must_use]
     pub fn anomaly(&self, anomaly_id: i64) -> String {
         format!("armwatch-{}-anomaly-{anomaly_id}", self.identity)
     }
 }
 
-/// An event of an alarm with what is told of it.
+/// An alarm event with the data that is sent with it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
     /// The event.
     pub event: AlarmEvent,
-    /// Where the robot stands.
+    /// Site of the robot.
     pub site: Option<String>,
-    /// Where the quantity is going.
+    /// Trend of the quantity.
     pub trend: TrendFigures,
-    /// Language of what people read.
+    /// Language of the texts for people.
     pub language: Language,
 }
 
 impl Alarm {
-    /// An event of a robot at a site, for people who read a language.
+    /// Creates an alarm from an event of a robot at a site, with texts in `language`.
     #[must_use]
     pub fn new(event: AlarmEvent, site: Option<&str>, language: Language) -> Self {
         let trend = TrendFigures::of(&event.series);
@@ -70,13 +71,13 @@ impl Alarm {
         say(self.language, english, values)
     }
 
-    /// Whether it is over.
+    /// Returns true if the alarm has ended.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.event.what.closes()
     }
 
-    /// How soon a person should look.
+    /// How soon a person should act.
     #[must_use]
     pub fn urgency(&self) -> String {
         let urgency = match self.event.severity {
@@ -88,7 +89,7 @@ impl Alarm {
         self.say(urgency, &[])
     }
 
-    /// Robot and joint, as people say them.
+    /// Robot and joint in words.
     #[must_use]
     pub fn place(&self) -> String {
         let joint = match self.event.joint {
@@ -99,7 +100,7 @@ impl Alarm {
         text::shown(&format!("{}{site}, {joint}", self.event.robot)).into_owned()
     }
 
-    /// One line: how bad, where, what, what happened.
+    /// One line: severity, robot, joint, quantity and event.
     #[must_use]
     pub fn title(&self) -> String {
         let AlarmEvent { severity, kind, .. } = &self.event;
@@ -115,8 +116,8 @@ impl Alarm {
         }
     }
 
-    /// What a technician should read. Of an alarm that is over it is what was found, without figures of the latest test
-    /// and without advice. Detectors write English; in other languages the sentence is made of the quantity and its
+    /// The sentence for a technician. For an alarm that has ended it is the finding, without values of the latest test
+    /// and without advice. Detectors write English; in other languages the sentence consists of the quantity and its
     /// values.
     #[must_use]
     pub fn sentence(&self) -> String {
@@ -129,7 +130,7 @@ impl Alarm {
         if self.is_closed() { self.say("was: {0}", &[&found]) } else { found + &advice }
     }
 
-    /// Quantity, value, what was expected, and the limit.
+    /// Quantity, value, expected value, and limit.
     fn finding(&self) -> String {
         let AlarmEvent { quantity, value, baseline, threshold, .. } = &self.event;
         let figures = Figures(*quantity, self.language);
@@ -147,7 +148,7 @@ impl Alarm {
         }
     }
 
-    /// The values: name and text. The sentence, robot and joint are not among them.
+    /// The values: name and text. The sentence, robot and joint are not included.
     #[must_use]
     pub fn facts(&self) -> Vec<(String, String)> {
         let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } =
@@ -173,10 +174,10 @@ impl Alarm {
                 None => figures.value(value),
             }),
         );
-        // where it went is of no use to who has nothing to do
+        // the trend is useless when no action is needed
         let trend = if is_closed { TrendFigures::default() } else { self.trend };
         fact("smoothed over 3 tests", trend.smoothed.map(|smoothed| figures.value(smoothed)));
-        // what no figure measures is not out by one; some have no limit
+        // without a value there is no score; some anomalies have no limit
         let score = score.filter(|_| value.is_some());
         let limit = threshold.filter(|limit| *limit != 0.0);
         fact(
@@ -214,14 +215,14 @@ impl Alarm {
         facts
     }
 
-    /// The sentence and the values, a line each.
+    /// The sentence and the values, one per line.
     #[must_use]
     pub fn details(&self) -> Vec<String> {
         let facts = self.facts().into_iter().map(|(name, text)| format!("{name}: {text}"));
         std::iter::once(self.sentence()).chain(facts).collect()
     }
 
-    /// The alarm as JSON: what MQTT and commands get.
+    /// The alarm as JSON for MQTT and commands.
     #[must_use]
     pub fn json(&self, origin: &Origin) -> Value {
         let event = &self.event;
@@ -263,20 +264,20 @@ impl Alarm {
     }
 }
 
-/// What is sent at once.
+/// One message to a receiver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// The same in every attempt.
+    /// Key, the same in every attempt.
     pub key: String,
     /// The route.
     pub route: String,
-    /// Who sends.
+    /// The sender.
     pub origin: Origin,
-    /// What it says, in the order in which it happened.
+    /// Its alarms, in chronological order.
     pub alarms: Vec<Alarm>,
-    /// Whether it stands for several that were held.
+    /// True if it combines several delayed alarms.
     pub is_digest: bool,
-    /// Whether it says that it is a try.
+    /// True if it is marked as a test.
     pub is_trial: bool,
 }
 
@@ -291,7 +292,7 @@ impl Message {
         say(self.language(), english, values)
     }
 
-    /// One line.
+    /// Title in one line.
     #[must_use]
     pub fn title(&self) -> String {
         match self.alarms.as_slice() {
@@ -330,7 +331,7 @@ impl Message {
         lines.join("\n") + "\n"
     }
 
-    /// The message as the text of JSON: what MQTT and commands get.
+    /// The message as JSON text for MQTT and commands.
     #[must_use]
     pub fn json_text(&self) -> String {
         json_text(&self.json())
@@ -388,7 +389,7 @@ fn happened(what: EventKind) -> &'static str {
     }
 }
 
-/// The last word on each alarm, of events in the order in which they happened.
+/// The latest event of each alarm, from events in chronological order.
 fn latest(events: &[Alarm]) -> Vec<&Alarm> {
     let is_last = |place: usize, of: &Alarm| {
         events[place + 1..].iter().all(|later| later.event.anomaly_id != of.event.anomaly_id)
@@ -396,8 +397,8 @@ fn latest(events: &[Alarm]) -> Vec<&Alarm> {
     events.iter().enumerate().filter(|(place, of)| is_last(*place, of)).map(|(_, of)| of).collect()
 }
 
-/// What was found, without the figures and the advice that follow it in the message of a detector: up to the first
-/// semicolon outside of brackets.
+/// The finding in a detector's message, without the values and advice that follow it: up to the first semicolon outside
+/// brackets.
 fn finding(message: &str) -> &str {
     let mut depth = 0_i32;
     let end = message.char_indices().find(|(_, letter)| {
@@ -415,7 +416,7 @@ fn seconds(time: &Timestamp) -> String {
     time.strftime("%Y-%m-%d %H:%M:%S UTC").to_string()
 }
 
-/// An alarm that never was, for a try of a route.
+/// An example alarm, for a test of a route.
 #[must_use]
 pub fn example(severity: Severity, now: Timestamp) -> AlarmEvent {
     let day = |days: i64| now - jiff::SignedDuration::from_hours(24 * days);

@@ -1,8 +1,8 @@
-//! Anomalies to people: routes choose, receivers take, the outbox in the database remembers.
+//! Sends anomalies to people: routes select, receivers accept, the outbox in the database remembers.
 //!
-//! Events of anomalies are written in the transaction that changes them. The [`dispatcher`] hands them to the routes
-//! that want them and sends what is due: first it writes down that it tries, then it sends, then it writes down that
-//! the message has arrived. A process that dies between the two last steps sends the message again, with the same key.
+//! Events of anomalies are written in the transaction that changes them. The [`dispatcher`] passes them to the routes
+//! that select them and sends due messages: it first stores the attempt, then sends, then stores that the message has
+//! arrived. A process that dies between the last two steps sends the message again, with the same key.
 
 pub mod advice;
 mod figures;
@@ -21,7 +21,7 @@ pub mod trial;
 
 use armwatch_store::OverdueRobot;
 
-/// Logs that the next test of a robot should have come.
+/// Logs that the next test of a robot is overdue.
 pub fn log_overdue(overdue: &OverdueRobot) {
     let OverdueRobot { robot, expected_by } = overdue;
     tracing::warn!(

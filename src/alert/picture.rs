@@ -1,4 +1,5 @@
-//! A small curve of an alarm as PNG, which every mail program shows. It has no letters: the text next to it names values.
+//! A small curve of an alarm as PNG, which every mail program shows. It has no letters: the text next to it names
+//! values.
 
 use std::io::Write;
 
@@ -8,7 +9,7 @@ use jiff::Timestamp;
 
 const WIDTH: usize = 480;
 const HEIGHT: usize = 160;
-/// Room for lines and points at the edges, in pixels.
+/// Space for lines and points at the edges, in pixels.
 const MARGIN: f64 = 8.0;
 const CURVE: [u8; 3] = [0x00, 0x5a, 0x9e];
 const LIMIT: [u8; 3] = [0xc0, 0x3a, 0x00];

@@ -1,4 +1,4 @@
-//! What every receiver does: take a message, or say why not.
+//! The interface of all receivers: accept a message, or report why not.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -9,35 +9,35 @@ use super::message::Message;
 /// A message on its way.
 pub type Sending<'a> = Pin<Box<dyn Future<Output = Result<(), SendError>> + Send + 'a>>;
 
-/// Takes messages. A message that is sent again has the same key.
+/// Accepts messages. A message that is sent again has the same key.
 pub trait Receiver: Send + Sync {
-    /// Sends a message; done when the receiver has said that it has it.
+    /// Sends a message; returns when the receiver has confirmed it.
     ///
     /// # Errors
-    /// [`SendError`]; the message may have arrived all the same.
+    /// [`SendError`]; the message may have arrived nevertheless.
     fn send<'a>(&'a self, message: &'a Message) -> Sending<'a>;
 
-    /// Time after which it wants to hear of open alarms again, if it forgets them by itself.
+    /// Time after which open alarms are sent to it again, if it forgets them.
     fn refresh(&self) -> Option<Duration> {
         None
     }
 }
 
-/// Why a message has not arrived. It is tried again, unless the receiver says that it will never take it.
+/// Why a message was not delivered. It is tried again, unless the receiver refuses it permanently.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
-    /// Nobody was there, or nobody who could take a message now.
+    /// The receiver did not answer, or cannot accept a message now.
     #[error("{detail}")]
     Unreached {
-        /// What happened.
+        /// The error.
         detail: String,
-        /// When it wants to be asked again.
+        /// When it asks to be tried again.
         retry_after: Option<Duration>,
     },
-    /// The receiver was there and refused this message; it may take another.
+    /// The receiver answered and refused this message; it may accept another.
     #[error("{detail}")]
     Refused {
-        /// What it said.
+        /// Its answer.
         detail: String,
         /// True if the receiver refuses this message every time.
         is_final: bool,
@@ -45,19 +45,19 @@ pub enum SendError {
 }
 
 impl SendError {
-    /// Nobody was there.
+    /// The receiver did not answer.
     #[must_use]
     pub fn unreached(detail: impl Into<String>) -> Self {
         Self::Unreached { detail: detail.into(), retry_after: None }
     }
 
-    /// The message was refused, and may be taken later.
+    /// The message was refused, and may be accepted later.
     #[must_use]
     pub fn refused(detail: impl Into<String>) -> Self {
         Self::Refused { detail: detail.into(), is_final: false }
     }
 
-    /// The message was refused, and will be every time.
+    /// The message was refused permanently.
     #[must_use]
     pub fn never(detail: impl Into<String>) -> Self {
         Self::Refused { detail: detail.into(), is_final: true }

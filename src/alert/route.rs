@@ -1,4 +1,4 @@
-//! Whether a route wants an event, and when.
+//! Decides if and when a route sends an event.
 
 use jiff::civil::{DateTime, Time};
 use jiff::{Timestamp, ToSpan, Zoned};
@@ -7,14 +7,14 @@ use armwatch_config::{AlertSettings, QuietHours, Route};
 use armwatch_model::anomaly::Severity;
 use armwatch_store::{AlarmEvent, EventFate, EventKind, Held};
 
-/// Where people have put an alarm of which they want to hear nothing more.
+/// States of an alarm that people want no more messages about.
 const SILENT: [&str; 3] = ["shelved", "maintenance", "false_alarm"];
 
-/// What becomes of an event on a route.
+/// Decides the fate of an event on a route.
 #[must_use]
 pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: Timestamp) -> EventFate {
     let site = settings.site_of(&event.robot);
-    // the store lets an alarm end where it was told, whatever its kind and severity have become
+    // the store sends the end of an alarm to every route that reported it, even if its kind or severity has changed
     if !event.what.closes() && !route.takes(&event.robot, site, event.kind, event.severity) {
         return EventFate::Nothing;
     }
@@ -31,7 +31,7 @@ pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: T
     }
 }
 
-/// The end of the quiet hours in which a message of this severity waits; `None` if it does not.
+/// The end of the quiet hours that delay a message of this severity; `None` if it does not wait.
 #[must_use]
 pub fn quiet_until(route: &Route, severity: Severity, now: Timestamp) -> Option<Timestamp> {
     let quiet = route.quiet?;
@@ -50,8 +50,8 @@ fn is_quiet(quiet: QuietHours, time: Time) -> bool {
     }
 }
 
-/// The next moment after `now` at which the clocks of the route show a time of day. A time that clocks skip is the
-/// moment at which they do.
+/// The next time after `now` when the clocks of the route show a time of day. If the clocks skip that time, the result
+/// is the moment of the skip.
 fn next(route: &Route, now: Timestamp, at: Time) -> Timestamp {
     let today = now.to_zoned(route.zone.clone()).date();
     let moment = |date| -> Option<Zoned> { route.zone.to_zoned(DateTime::from_parts(date, at)).ok() };
@@ -148,7 +148,7 @@ mod tests {
         assert_eq!(until("2026-03-02T04:59:00Z"), Some(at("2026-03-02T05:00:00Z")));
         assert_eq!(until("2026-03-02T05:00:00Z"), None);
         assert_eq!(quiet_until(&night, Severity::Critical, at("2026-03-01T22:30:00Z")), None);
-        // clocks go from 2 to 3 on 29 March: the night has an hour less
+        // clocks change from 2 to 3 on 29 March: the night is an hour shorter
         assert_eq!(until("2026-03-28T21:30:00Z"), Some(at("2026-03-29T04:00:00Z")));
         let noon = Route { quiet: hours("12:00", "13:00"), zone: TimeZone::UTC, ..route() };
         assert_eq!(

@@ -1,19 +1,19 @@
-//! Where a quantity is going: smoothed value and slope of a short series.
+//! Trend of a quantity: smoothed value and slope of a short series.
 
 use jiff::Timestamp;
 
-/// Values that the smoothed figure stands on: the fewest of which one wild value cannot decide.
+/// Values for the smoothed value: the smallest number that a single outlier cannot determine.
 const SMOOTHED_OVER: usize = 3;
 
-/// Fewest runs that a slope is told of.
+/// Fewest runs for a slope.
 const FEWEST_RUNS: usize = 4;
 
 const SECONDS_A_DAY: f64 = 86_400.0;
 
-/// Days that a slope is told over: about the interval of maintenance plans.
+/// Days that a slope refers to: about the interval of maintenance plans.
 pub const TREND_DAYS: f64 = 30.0;
 
-/// The figures of a series.
+/// The trend values of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrendFigures {
     /// The value of the latest run.
@@ -25,8 +25,8 @@ pub struct TrendFigures {
 }
 
 impl TrendFigures {
-    /// The figures of a series, oldest first. The slope is the median of those between all pairs of runs (Theil 1950,
-    /// Sen 1968), which a few wild values do not move.
+    /// The trend values of a series, oldest first. The slope is the median of the slopes between all pairs of runs
+    /// (Theil 1950, Sen 1968), which is robust against a few outliers.
     #[must_use]
     pub fn of(series: &[(Timestamp, f64)]) -> Self {
         let values: Vec<f64> = series.iter().map(|(_, value)| *value).collect();

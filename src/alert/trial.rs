@@ -1,4 +1,4 @@
-//! Whether routes work: their secrets and certificates, and a message that says that it is a try.
+//! Tests of routes: their secrets and certificates, and a message that is marked as a test.
 
 use std::time::Duration;
 
@@ -10,17 +10,17 @@ use super::receivers::open;
 use armwatch_config::{AlertSettings, Route};
 use armwatch_model::anomaly::Severity;
 
-/// What keeps routes from working as they are configured, by their names.
+/// Problems that prevent routes from working as configured, by route name.
 #[must_use]
 pub fn problems(settings: &AlertSettings) -> Vec<(String, Unusable)> {
     let problem = |route: &Route| Some((route.name.clone(), open(route).err()?));
     settings.routes.iter().filter_map(problem).collect()
 }
 
-/// Sends a message over a route that says that it is a try, whatever its filters and hours are.
+/// Sends a message that is marked as a test over a route, ignoring its filters and hours.
 ///
 /// # Errors
-/// `SendError`, also for a receiver that cannot be used as it is configured.
+/// `SendError`, also for a receiver that cannot be used as configured.
 pub async fn send(
     settings: &AlertSettings,
     route: &Route,
@@ -32,7 +32,7 @@ pub async fn send(
     let origin = Origin { identity: identity.to_owned(), link: settings.link.clone() };
     let event = example(severity, now);
     let message = Message {
-        // each try is a message of its own
+        // each test message is distinct
         key: format!("armwatch-{identity}-test-{}", now.as_microsecond()),
         route: route.name.clone(),
         origin,

@@ -1,4 +1,4 @@
-//! One route at work: hand on, wait, send, write down.
+//! The task of one route: pass on events, wait, send, store the result.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
@@ -19,16 +19,17 @@ use armwatch_store::{
     wait_for_quiet,
 };
 
-/// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
+/// Time between two looks for events, which other processes write too. It is short compared with the seconds that a
+/// mail takes.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// Pause before the database is asked again that did not answer.
+/// Pause before the database is queried again after a failure.
 const STORE_PAUSE: Duration = Duration::from_secs(1);
 
-/// The time over which messages are counted.
+/// The period for counting messages.
 const HOUR: SignedDuration = SignedDuration::from_hours(1);
 
-/// A route at work.
+/// A route's task.
 pub(super) struct Worker {
     store: Store,
     settings: Arc<AlertSettings>,
@@ -37,18 +38,18 @@ pub(super) struct Worker {
     /// Opened when it is needed.
     receiver: Option<Box<dyn Receiver>>,
     refreshed: Option<Instant>,
-    /// Whether it was said that the clock was ahead.
+    /// True if the wrong clock was logged.
     is_clock_said: bool,
 }
 
-/// What is known of the route from its start on.
+/// State of the route at its start.
 struct RouteStart {
     entry: RouteEntry,
     origin: Origin,
 }
 
 impl Worker {
-    /// The route at a place of the settings.
+    /// Creates the worker of the route at index `place` of the settings.
     pub(super) fn new(
         store: Store,
         settings: Arc<AlertSettings>,
@@ -59,7 +60,7 @@ impl Worker {
         Some(Self { store, settings, route, end, receiver: None, refreshed: None, is_clock_said: false })
     }
 
-    /// Works until the end is asked for, then sends what is due by then.
+    /// Works until the end is requested, then sends the messages that are due by then.
     pub(super) async fn run(mut self, mut heard: watch::Receiver<()>) {
         let begun = loop {
             match self.begin().await {
@@ -110,21 +111,21 @@ impl Worker {
         Ok(begun)
     }
 
-    /// A log is read from a start on: what was open before is said once.
+    /// A log begins with its start: alarms that were open before are reported once.
     async fn say_open(&mut self, begun: &RouteStart) -> Result<(), StoreError> {
         let mut open = self.store.told_alarms(begun.entry.route_id).await?;
         open.retain(|event| event.state == "open");
         if !open.is_empty() {
             tracing::info!(alarms = open.len(), "open since before this start:");
             let message = self.message(begun, "start".into(), open, true);
-            // a log takes everything
+            // a log accepts everything
             let _ = self.send(&message).await;
         }
         Ok(())
     }
 
-    /// A route is one daemon's, where there are several: that of the one that was first, until it ends. What is done with
-    /// the route by this claim fails once the claim is lost.
+    /// Only one of several daemons serves a route: the first one, until it ends. Actions under its claim fail once the
+    /// claim is lost.
     async fn step_if_ours(&mut self, begun: &RouteStart) -> Result<Duration, StoreError> {
         if !self.store.claim_work(ClaimKind::Route, &self.route.name).await? {
             return Ok(LOOK);
@@ -133,7 +134,7 @@ impl Worker {
         self.step(begun, entry).await
     }
 
-    /// Hands on, and sends all that is due. Gives the time after which there may be more to do.
+    /// Passes on events, and sends all due messages. Returns the time until the next possible work.
     async fn step(&mut self, begun: &RouteStart, entry: RouteEntry) -> Result<Duration, StoreError> {
         self.mend_moments(entry).await?;
         loop {
@@ -190,7 +191,7 @@ impl Worker {
         Ok(LOOK)
     }
 
-    /// Lets nothing wait for a date that only a clock which was ahead has shown, and says so once.
+    /// Prevents messages from waiting for a date that a wrong clock in the future has set, and logs that once.
     async fn mend_moments(&mut self, entry: RouteEntry) -> Result<(), StoreError> {
         let longest = longest_pause(self.settings.retry);
         let ahead = self.store.mend_moments(entry, (Timestamp::now(), longest)).await?;
@@ -207,7 +208,7 @@ impl Worker {
         Ok(())
     }
 
-    /// Sends one message and writes down what became of it.
+    /// Sends one message and stores the result.
     async fn attempt(
         &mut self,
         begun: &RouteStart,
@@ -287,8 +288,8 @@ impl Worker {
         Ok(())
     }
 
-    /// A message that has arrived is marked before anything else is done, or it would be sent again. Where the claim is
-    /// lost, the daemon that has the route sends it again.
+    /// Marks a delivered message before anything else, because it would otherwise be sent again. If the claim is lost,
+    /// the daemon that serves the route sends it again.
     async fn mark_sent(&self, entry: RouteEntry, due: &DueMessage) -> Result<(), StoreError> {
         loop {
             match self.store.mark_sent(entry, due, Timestamp::now()).await {
@@ -302,7 +303,7 @@ impl Worker {
         }
     }
 
-    /// Tells a receiver that forgets what is open.
+    /// Sends open alarms again to a receiver that forgets them.
     async fn refresh(&mut self, begun: &RouteStart) -> Result<(), StoreError> {
         let interval = self.receiver.as_ref().and_then(|receiver| receiver.refresh());
         let Some(interval) = interval.filter(|_| !self.end.is_cancelled()) else { return Ok(()) };
@@ -357,16 +358,16 @@ impl Worker {
     }
 }
 
-/// The pause after so many failures: doubled each time up to a limit, and up to a fifth shorter or longer, so that
-/// routes that failed together do not come back together.
+/// The pause after `failures` failures: doubled each time up to a limit, and up to a fifth shorter or longer, so that
+/// routes that failed together do not retry together.
 fn pause(failures: u32, (first, most): (Duration, Duration)) -> Duration {
     let doubled = first.saturating_mul(2_u32.saturating_pow(failures.min(20))).min(most);
     let random = f64::from(u8::try_from(RandomState::new().build_hasher().finish() % 201).unwrap_or(100));
     doubled.mul_f64(0.8 + random / 500.0)
 }
 
-/// The longest for which a message is put off without quiet hours and digests: by [`pause`], by a receiver that asks for
-/// an hour, which is the most that it is given, or by a flood.
+/// The longest delay of a message without quiet hours and digests: by [`pause`], by a receiver that requests an hour
+/// (the most that is granted), or by a flood.
 fn longest_pause((_, most): (Duration, Duration)) -> Duration {
     most.mul_f64(1.2).max(HOUR.unsigned_abs())
 }

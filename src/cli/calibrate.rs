@@ -1,4 +1,4 @@
-//! `armwatch calibrate`: what the limits of each robot are at the rate of false alarms that is asked for.
+//! `armwatch calibrate`: the limits of each robot at the requested rate of false alarms.
 
 use clap::Args;
 use serde_json::{Value, json};
@@ -46,7 +46,7 @@ pub(super) fn calibrate(global: &Global, args: &CalibrateArgs) -> Result<u8, Cli
     })
 }
 
-/// Says why there is no result. With --json, standard output has results alone.
+/// Reports why there is no result. With --json, standard output contains only results.
 fn say(global: &Global, words: &str) {
     if global.json { output::print_hint(words) } else { output::line(words) }
 }
@@ -159,7 +159,7 @@ fn row(of: &LevelCalibration, config: &Config) -> Vec<String> {
 /// Column of the limit in per cent.
 const LIMIT_COLUMN: usize = 6;
 
-/// Tests until an alarm; beyond a thousand nobody waits.
+/// Tests until an alarm; `-` for a thousand and more.
 fn delay(tests: f64) -> String {
     if tests < 1000.0 { format!("{tests:.1}") } else { "-".into() }
 }

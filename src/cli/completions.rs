@@ -1,4 +1,4 @@
-//! `armwatch completions`: what a shell needs to complete commands and options.
+//! `armwatch completions`: scripts that let a shell complete commands and options.
 
 use clap::{Args, Command};
 use clap_complete::Shell;
@@ -19,7 +19,7 @@ pub(super) struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Prints completions of all of `command`.
+/// Prints completions for all of `command`.
 pub(super) fn completions(args: &CompletionsArgs, command: &mut Command) -> Result<u8, CliError> {
     let name = command.get_name().to_owned();
     let mut script = Vec::new();

@@ -1,4 +1,4 @@
-//! `armwatch conclude`: judges a history again from a date on.
+//! `armwatch conclude`: draws conclusions from a history again from a date on.
 
 use clap::Args;
 use jiff::Timestamp;

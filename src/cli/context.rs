@@ -1,4 +1,4 @@
-//! What every command has: options of all commands, errors and exit statuses, the store and the runtime.
+//! Shared parts of all commands: common options, errors and exit statuses, the store and the runtime.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,7 +28,7 @@ pub const EXIT_INTERNAL: u8 = 70;
 /// The database or a file could not be read or written.
 pub const EXIT_IO: u8 = 74;
 
-/// Stopped by a signal before everything was done; what is stored stays.
+/// Stopped by a signal before everything was done; stored results stay.
 pub const EXIT_STOPPED: u8 = 130;
 
 /// Heading of the options of every command.
@@ -78,8 +78,7 @@ impl Global {
     /// The configuration, with the command line's database.
     ///
     /// # Errors
-    /// [`CliError::Config`] of a configuration that cannot be read, [`CliError::Usage`] of an address of another kind of
-    /// server.
+    /// [`CliError::Config`] for an invalid configuration, [`CliError::Usage`] for an address of another kind of server.
     pub fn read_config(&self) -> Result<Config, CliError> {
         let (mut config, _) = Config::find(self.config.as_deref())?;
         if let Some(db) = &self.db {
@@ -100,7 +99,7 @@ pub enum CliError {
     /// The configuration is wrong.
     #[error("{0}")]
     Config(#[from] ConfigErrors),
-    /// The command line asks for something that cannot be.
+    /// The command line is inconsistent or impossible.
     #[error("{0}")]
     Usage(String),
     /// A file could not be read or written.
@@ -109,7 +108,7 @@ pub enum CliError {
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The pipeline cannot go on.
+    /// The pipeline cannot continue.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
     /// A fault of the program itself.
@@ -129,14 +128,14 @@ impl CliError {
     }
 }
 
-/// Most threads for work that blocks: an export that is read takes up to three, and `watch.live_files` is at most a thousand.
-/// Threads begin when there is work for them.
+/// Most threads for blocking work: reading an export takes up to three, and `watch.live_files` is at most a thousand.
+/// Threads start when there is work for them.
 const MOST_BLOCKING_THREADS: usize = 4096;
 
 /// The asynchronous runtime of a command.
 ///
 /// # Errors
-/// [`CliError::Internal`] if the system gives no threads.
+/// [`CliError::Internal`] if the system provides no threads.
 pub fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()
@@ -145,27 +144,27 @@ pub fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
         .map_err(|error| CliError::Internal(format!("no runtime: {error}")))
 }
 
-/// Opens the database of a command that only reads: nothing is made or brought up to date, and a user who may not
-/// write can ask.
+/// Opens the database of a command that only reads: nothing is created or migrated, so that a user without write
+/// permission can query it.
 pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
     let store = Store::open_existing_as(&config.database, &config.cluster).await?;
     store.ok_or_else(|| no_database(config))
 }
 
-/// As [`open_to_read`], also where the schema is that of an earlier version.
+/// Like [`open_to_read`], also with the schema of an earlier version.
 pub(super) async fn open_any_schema(config: &Config) -> Result<Store, CliError> {
     let store = Store::open_any_schema(&config.database, &config.cluster).await?;
     store.ok_or_else(|| no_database(config))
 }
 
-/// Opens the database of a command that changes what is stored. One in a file has to be there: for a mistyped name an
-/// empty one would be made, and then say that it does not know what was asked for.
+/// Opens the database of a command that changes stored data. A database file must exist: for a mistyped name, an empty
+/// one would be created, which would then report that the requested data is unknown.
 pub(super) async fn open_to_change(config: &Config) -> Result<Store, CliError> {
     require_database(config)?;
     open_store(config).await
 }
 
-/// Refuses a database in a file that is not there.
+/// Refuses a database file that does not exist.
 pub(super) fn require_database(config: &Config) -> Result<(), CliError> {
     let is_none =
         |file: &Path| std::fs::metadata(file).map_or(true, |found| found.is_file() && found.len() == 0);
@@ -182,15 +181,15 @@ fn no_database(config: &Config) -> CliError {
     ))
 }
 
-/// Opens the database of a command that writes; makes it if there is none.
+/// Opens the database of a command that writes; creates it if there is none.
 ///
 /// # Errors
-/// [`CliError::Store`] of a database that cannot be opened.
+/// [`CliError::Store`] if the database cannot be opened.
 pub async fn open_store(config: &Config) -> Result<Store, CliError> {
     Ok(Store::open_as(&config.database, &config.cluster).await?)
 }
 
-/// As [`open_store`]; `None` if `stop` comes first, which leaves the database as it was.
+/// Like [`open_store`]; `None` if `stop` comes first, which leaves the database unchanged.
 pub(super) async fn open_store_until(
     stop: &CancellationToken,
     config: &Config,

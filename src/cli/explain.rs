@@ -1,4 +1,4 @@
-//! `armwatch explain`: what would become of exports, without storing anything.
+//! `armwatch explain`: how exports would be treated, without storing anything.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -117,7 +117,7 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
         Some(pattern) => format!("by recognition.file_name '{pattern}'"),
         None => "the name of the file: recognition.file_name does not match it".to_owned(),
     };
-    // the time of a file has digits that say nothing
+    // the time of a file has meaningless digits
     let started_at = of.started_at.round(Unit::Millisecond).unwrap_or(of.started_at);
     vec![
         topic("robot", &format!("{}, {by}", of.robot)),
@@ -141,7 +141,7 @@ fn parts_text(of: &Explanation, layout: &Layout) -> Option<String> {
     Some(format!("{} parts, {how}: {}", names.len(), names.join(", ")))
 }
 
-/// The rates of slower channels, and how late their values are.
+/// The rates of slower channels, and the delay of their values.
 fn slower_texts(layout: &Layout, of: &ExportReading) -> Vec<String> {
     let (filled, step) = (of.filled, 1.0 / of.sample_rate);
     let channels = [
@@ -173,7 +173,7 @@ fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<Stri
         lines.extend(column_lines(layout, map));
     }
     if of.rows > 0 {
-        // clocks of milliseconds leave digits that say nothing
+        // clocks of milliseconds leave meaningless digits
         let hertz = (of.sample_rate * 1e3).round() / 1e3;
         let rate = if hertz > 0.0 { format!(", {hertz} Hz") } else { String::new() };
         lines.push(topic("recording", &format!("{} rows, {:.1} s{rate}", of.rows, of.duration)));
@@ -280,7 +280,7 @@ fn stage_table(cycles: &[CycleSketch]) -> String {
     output::table(&header, &rows)
 }
 
-/// Levels at which friction was measured, of all cycles together, by joint; `None` if nothing was analysed.
+/// Levels of measured friction in all cycles, by joint; `None` if nothing was analysed.
 fn levels_seen(cycles: &[CycleSketch]) -> Option<BTreeMap<JointIndex, Vec<f64>>> {
     let mut seen: BTreeMap<JointIndex, Vec<f64>> = BTreeMap::new();
     for analysis in cycles.iter().filter_map(|cycle| cycle.analysis.as_ref()) {
@@ -295,7 +295,7 @@ fn levels_seen(cycles: &[CycleSketch]) -> Option<BTreeMap<JointIndex, Vec<f64>>>
     cycles.iter().any(|cycle| cycle.analysis.is_some()).then_some(seen)
 }
 
-/// Levels lie some percent apart.
+/// Levels differ by some percent.
 fn same_level(a: f64, b: f64) -> bool {
     (a - b).abs() < 1e-9
 }
@@ -327,7 +327,7 @@ fn friction_text(robot: &Robot, cycles: &[CycleSketch]) -> impl Iterator<Item = 
     lines.into_iter()
 }
 
-/// What is wrong or odd, the worst first.
+/// Faults and oddities, the worst first.
 fn problems(of: &Explanation) -> Vec<String> {
     let mut problems: Vec<String> = of.rejection.iter().map(|rejection| rejection.sentence()).collect();
     let Some(reading) = &of.reading else { return problems };
@@ -343,7 +343,7 @@ fn problems(of: &Explanation) -> Vec<String> {
     problems
 }
 
-/// What is odd about name and start, and the remarks of the reading.
+/// Oddities of name and start, and the remarks of the reading.
 fn all_remarks(of: &Explanation) -> Vec<String> {
     of.doubts.iter().cloned().chain(of.reading.iter().flat_map(remarks)).collect()
 }
@@ -355,14 +355,14 @@ pub(super) fn refusals(reading: &ExportReading) -> Vec<String> {
     })
 }
 
-/// Rows that were repaired or left out, and remarks of the analysis about cycles that it takes.
+/// Rows that were repaired or omitted, and remarks of the analysis about accepted cycles.
 pub(super) fn remarks(reading: &ExportReading) -> Vec<String> {
     let mut remarks = reading.mended.sentences();
     remarks.extend(said_of_cycles(reading, |analysis| analysis.remarks.clone()));
     remarks
 }
 
-/// What is said of cycles; what is said of several is said once, with their numbers.
+/// Remarks about cycles; a remark about several cycles appears once, with their numbers.
 fn said_of_cycles(reading: &ExportReading, of: impl Fn(&CycleAnalysis) -> Vec<String>) -> Vec<String> {
     let mut said: Vec<(String, Vec<u32>)> = Vec::new();
     for cycle in &reading.cycles {

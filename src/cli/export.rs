@@ -131,13 +131,13 @@ fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
     Ok(Export { destinations, format, filter, force: args.force, by_month: args.by_month })
 }
 
-/// The first moment of a month, UTC, at a moment in it; `None` beyond what times can be.
+/// The start of a month, UTC, from a time in it; `None` beyond the range of times.
 fn start_of_month(time: Timestamp) -> Option<Timestamp> {
     let day = time.to_zoned(TimeZone::UTC).date().first_of_month();
     day.to_zoned(TimeZone::UTC).ok().map(|start| start.timestamp())
 }
 
-/// The first moment of the month after, or the moment itself where a month begins with it.
+/// The start of the next month, or the time itself if a month begins with it.
 fn end_of_month(time: Timestamp) -> Option<Timestamp> {
     let start = start_of_month(time)?;
     if start == time {

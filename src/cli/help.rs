@@ -1,4 +1,4 @@
-//! How help looks: paragraphs that fit the terminal, examples as they are typed, commands by what people do.
+//! Formats help: paragraphs that fit the terminal, examples as typed, commands grouped by purpose.
 
 use clap::builder::{StyledStr, Styles};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -10,7 +10,7 @@ use super::context::GLOBAL_HEADING;
 /// Widest line of help, characters.
 const MAX_WIDTH: usize = 100;
 
-/// Commands by what people do with them. One that is in no group is listed at the end.
+/// Commands by purpose. A command in no group is listed at the end.
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Look at robots", &["status", "robots", "runs", "cycles", "sql", "snapshot", "export"]),
     ("Answer alarms", &["alerts", "maintenance", "calibrate"]),
@@ -26,10 +26,10 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Try and measure", &["demo", "simulate"]),
 ];
 
-/// Heading of commands that are in no group.
+/// Heading of commands in no group.
 const UNGROUPED: &str = "More commands";
 
-/// Words that people type for a command of another name, and what they mean.
+/// Words that people type for a command of another name, and that name.
 const MEANT: [(&[&str], &str); 19] = [
     (&["init", "setup", "configure", "new"], "config init"),
     (&["check", "validate", "lint", "test"], "config check"),
@@ -52,17 +52,17 @@ const MEANT: [(&[&str], &str); 19] = [
     (&["clean", "cleanup", "vacuum", "purge", "shrink", "retention", "compact"], "prune"),
 ];
 
-/// Options of other programs that ask for what `--json` gives.
+/// Options of other programs that correspond to `--json`.
 const MEANT_AS_JSON: [&str; 4] = ["--format", "--output", "--out-format", "--output-format"];
 
 /// Most letters that differ between a mistyped command and the one that is proposed.
 const FAR: usize = 2;
 
-/// Lines of a help text that belong together: prose, which is wrapped, and indented lines below it, which stay as they
-/// are.
+/// Lines of a help text that belong together: prose, which is wrapped, and indented lines below it, which are
+/// unchanged.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub(super) struct HelpBlock {
-    /// One line, however long; may be empty.
+    /// One line of any length; may be empty.
     pub(super) prose: String,
     /// Each begins with spaces.
     pub(super) lines: Vec<String>,
@@ -79,7 +79,7 @@ impl HelpBlock {
     }
 }
 
-/// Blocks of a text: blank lines part them, and lines that begin with spaces end prose.
+/// Blocks of a text: blank lines separate them, and lines that begin with spaces end prose.
 pub(super) fn blocks(text: &str) -> Vec<HelpBlock> {
     let mut blocks = vec![HelpBlock::default()];
     for line in text.lines() {
@@ -101,7 +101,7 @@ pub(super) fn blocks(text: &str) -> Vec<HelpBlock> {
     blocks
 }
 
-/// A command with all its commands as people see them: examples in `-h`, all texts in `--help`.
+/// A command with all its subcommands as displayed: examples in `-h`, all texts in `--help`.
 pub(super) fn dressed(command: Command) -> Command {
     let groups = groups(&command);
     let template = format!(
@@ -126,7 +126,7 @@ fn reflowed(command: Command) -> Command {
     let mut command = command;
     if !text.is_empty() {
         let mut blocks = blocks(&text);
-        // what is typed is looked for first
+        // readers look for examples first
         blocks.sort_by_key(|block| !block.is_examples());
         let examples: Vec<HelpBlock> = blocks.iter().filter(|block| block.is_examples()).cloned().collect();
         command = command.after_long_help(styled(&blocks)).after_help(styled(&examples));
@@ -183,8 +183,8 @@ fn ungrouped(command: &Command) -> impl Iterator<Item = &Command> {
     command.get_subcommands().filter(move |command| !command.is_hide_set() && !is_grouped(command.get_name()))
 }
 
-/// An error of the command line, with the command or option that was probably meant in place of one that is only spelt
-/// alike.
+/// An error of the command line that proposes the command or option that was probably meant, instead of one with a
+/// similar spelling.
 pub(super) fn with_what_is_meant(error: clap::Error, command: &Command) -> clap::Error {
     match error.kind() {
         ErrorKind::InvalidSubcommand => with_command_meant(error, command),
@@ -193,12 +193,12 @@ pub(super) fn with_what_is_meant(error: clap::Error, command: &Command) -> clap:
     }
 }
 
-/// With `--json`, which every command has, in place of `--format json` and the like.
+/// Proposes `--json`, which every command has, instead of `--format json` and the like.
 fn with_option_meant(mut error: clap::Error) -> clap::Error {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidArg) else { return error };
     if MEANT_AS_JSON.contains(&typed.as_str()) {
         error.remove(ContextKind::SuggestedArg);
-        // it was made for what is only spelt alike
+        // it was made for the similar spelling
         error.remove(ContextKind::Usage);
         propose(&mut error, "--json");
     }
@@ -214,7 +214,7 @@ fn propose(error: &mut clap::Error, meant: &str) {
 fn with_command_meant(mut error: clap::Error, command: &Command) -> clap::Error {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return error };
     let typed = typed.to_lowercase();
-    // a command of a command, such as `alerts lst`, is clap's to propose
+    // clap proposes subcommands itself, such as for `alerts lst`
     let words: Vec<String> = std::env::args().collect();
     if words
         .iter()
@@ -231,7 +231,7 @@ fn with_command_meant(mut error: clap::Error, command: &Command) -> clap::Error 
     error
 }
 
-/// The command that a word most probably stands for.
+/// The most probable command for a word.
 fn meant(typed: &str, command: &Command) -> Option<String> {
     if let Some((_, meant)) = MEANT.iter().find(|(words, _)| words.contains(&typed)) {
         return Some((*meant).to_owned());

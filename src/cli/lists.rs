@@ -1,4 +1,4 @@
-//! `armwatch robots`, `runs`, `cycles`: what is stored, as lists.
+//! `armwatch robots`, `runs`, `cycles`: lists of stored data.
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -110,14 +110,14 @@ pub(super) fn cycles(global: &Global, args: &CyclesArgs) -> Result<u8, CliError>
     Ok(EXIT_DONE)
 }
 
-/// A list that may go on says so.
+/// Reports that a list may be incomplete.
 fn say_limit(table: &ResultTable, limit: u32) {
     if table.rows.len() == usize::try_from(limit).unwrap_or(usize::MAX) {
         output::print_hint(&format!("the newest {limit}; --limit shows more"));
     }
 }
 
-/// The rows that are asked for. Where there are none, the robot and the run that are named have to be there.
+/// The requested rows. If there are none, checks that the named robot and run exist.
 fn asked(
     global: &Global,
     wanted: &ListFilter<'_>,
@@ -137,7 +137,7 @@ fn asked(
     })
 }
 
-/// Refuses a robot that no run is of, and a run that is not there.
+/// Refuses a robot without runs, and a run that does not exist.
 async fn require_named(store: &Store, wanted: &ListFilter<'_>) -> Result<(), CliError> {
     if let Some(run_id) = wanted.run_id
         && store.known_run(run_id).await?.is_none()

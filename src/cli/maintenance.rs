@@ -1,4 +1,4 @@
-//! `armwatch maintenance`: work on robots, which begins new baselines.
+//! `armwatch maintenance`: maintenance of robots, which starts new baselines.
 
 use clap::Args;
 use jiff::Timestamp;
@@ -176,7 +176,7 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
     Ok(EXIT_DONE)
 }
 
-/// Refuses a time at which no work on a robot was done.
+/// Refuses an impossible time of maintenance.
 fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
     if at < Timestamp::UNIX_EPOCH {
         return Err(format!(
@@ -197,7 +197,7 @@ fn place(joint: Option<JointIndex>) -> String {
     joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"))
 }
 
-/// How many joints a robot has.
+/// The number of a robot's joints.
 async fn known_joints(store: &Store, robot: &str) -> Result<usize, CliError> {
     match store.known_joints(robot).await? {
         Some(joints) => Ok(joints),

@@ -1,4 +1,4 @@
-//! The command line: what was typed becomes what it means, once; then one function a command.
+//! The command line: arguments are parsed once, then passed to one function per command.
 
 pub mod shared;
 mod quarantine;
@@ -76,20 +76,20 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// The command line of this process; ends it if that is wrong or asks for help.
+    /// The command line of this process; ends the process if it is wrong or asks for help.
     #[must_use]
     pub fn of_process() -> Self {
         parsed()
     }
 
-    /// All commands with their help as people see it.
+    /// All commands with their help as displayed.
     #[must_use]
     pub fn dressed_command() -> clap::Command {
         help::dressed(Self::command())
     }
 }
 
-/// The command line of this process as `C`, with help and errors as people see them; ends the process if it is wrong or asks
+/// The command line of this process as `C`, with help and errors as displayed; ends the process if it is wrong or asks
 /// for help.
 #[must_use]
 pub fn parsed<C: Parser>() -> C {
@@ -243,7 +243,7 @@ Examples:
 /// Runs a command and returns the exit status of the process.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
-    // one-shot commands print their results; their logs are asked for with -v
+    // one-shot commands print their results; -v enables their logs
     let usual_verbosity = match cli.command {
         Command::Run(_) => 0,
         Command::Demo(_) => -2,
@@ -252,8 +252,8 @@ pub fn run(cli: Cli) -> ExitCode {
     execute(&cli.global, usual_verbosity, || carry_out(&cli.global, cli.command))
 }
 
-/// Runs `command` with logs as `global` asks for them, `usual_verbosity` without -v and -q, and returns the exit status of the
-/// process.
+/// Runs `command` with the logs that `global` requests, `usual_verbosity` without -v and -q, and returns the exit
+/// status of the process.
 #[must_use]
 pub fn execute(
     global: &Global,
@@ -265,7 +265,7 @@ pub fn execute(
     lanes::run_as_on_any_processor(std::env::var_os(context::ANY_PROCESSOR).is_some());
     let status = or_internal(command).unwrap_or_else(|error| {
         match &error {
-            // a line for each, which the text of all together would not be
+            // one line for each, unlike the combined text
             CliError::Config(errors) => {
                 let (first, others) =
                     errors.0.split_first().map_or((None, &[][..]), |(first, rest)| (Some(first), rest));
@@ -287,9 +287,10 @@ pub fn execute(
     })
 }
 
-/// What a command ends with. A panic is a defect of the program: the hook has said where, and the exit status is that of one.
+/// Result of a command. A panic is a defect of the program: the hook has printed the place, and the exit status is that
+/// of a defect.
 fn or_internal(command: impl FnOnce() -> Result<u8, CliError>) -> Result<u8, CliError> {
-    // nothing of a command is looked at after its panic
+    // no data of a command is used after its panic
     std::panic::catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {
         Err(CliError::Internal("the program has stopped where the line above says; please report it".into()))
     })

@@ -1,4 +1,4 @@
-//! `armwatch run-date` and `armwatch set-aside`: what a person decides about single runs.
+//! `armwatch run-date` and `armwatch set-aside`: a person's decisions about single runs.
 
 use std::collections::BTreeSet;
 
@@ -93,7 +93,7 @@ pub(super) fn run_date(global: &Global, args: &RunDateArgs) -> Result<u8, CliErr
     decide(global, &args.runs, &decision, args.force)
 }
 
-/// No test began later than this moment, by more than the grace of all dates.
+/// Refuses a start in the future, with the usual tolerance of dates.
 fn not_in_future(start: Option<Timestamp>) -> Result<(), CliError> {
     let now = Timestamp::now();
     match start.filter(|start| start.duration_since(now) > GRACE) {
@@ -146,7 +146,7 @@ async fn decide_about(
                 print(global, run_id, &run, decision);
                 robots.insert(run.robot);
             }
-            // what was decided about runs before it holds, and is judged
+            // decisions about earlier runs are kept, and conclusions use them
             Err(why) => {
                 refused = Some(refusal(store, run_id, why).await?);
                 break;

@@ -1,4 +1,4 @@
-//! `armwatch parameters`: what `identify --save` keeps.
+//! `armwatch parameters`: parameter sets that `identify --save` stores.
 
 use clap::{Args, Subcommand};
 use serde_json::json;

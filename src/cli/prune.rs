@@ -1,4 +1,4 @@
-//! `armwatch prune`: takes away factors that have had their time.
+//! `armwatch prune`: removes factors past their retention time.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use armwatch_config::{Config, RetentionSettings, shown_database};
 use armwatch_model::run::RunKind;
 use armwatch_store::{DueRun, FreeSpace, Store};
 
-/// Pages that are given back in one transaction: 8 MB.
+/// Pages that one transaction releases: 8 MB.
 const PAGES_AT_ONCE: u32 = 2000;
 
 #[derive(Debug, Args)]
@@ -129,13 +129,13 @@ async fn work(
     Ok(EXIT_DONE)
 }
 
-/// Gives all free pages back, a few at a time, so that others have their turn.
+/// Releases all free pages, a few at a time, so that other writers have their turn.
 async fn give_back(store: &Store, space: FreeSpace) -> Result<(), CliError> {
     let mut left = space.free_pages;
     while space.can_shrink && left > 0 {
         store.give_back(PAGES_AT_ONCE).await?;
         let now = store.free_space().await?.free_pages;
-        // others may free pages meanwhile; where nothing gets less, it is enough
+        // others may free pages in the meantime; stop when the number no longer decreases
         if now >= left {
             break;
         }
@@ -144,14 +144,14 @@ async fn give_back(store: &Store, space: FreeSpace) -> Result<(), CliError> {
     Ok(())
 }
 
-/// What goes of one robot and kind.
+/// Removed data of one robot and kind.
 struct Sum {
     robot: String,
     kind: RunKind,
     runs: u64,
     cycles: u64,
     bytes: u64,
-    /// Of logs, the part that stays: one factor in place of those of all windows.
+    /// For production logs, the part that stays: one factor instead of those of all windows.
     stays: u64,
 }
 

@@ -160,7 +160,7 @@ fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown
     format!("{text}{}, run {}: {unit}", text::shown(&run.robot), run.run_id)
 }
 
-/// Figures of one line of the table, in the order of its columns: moving rows first, then all rows.
+/// Values of one line of the table, in the order of its columns: moving rows first, then all rows.
 fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<Option<f64>> {
     let contrast = of.contrast.iter().find(|found| found.joint == joint);
     let pairs: Vec<Option<RmsdPair>> = SCOPES
@@ -181,7 +181,7 @@ fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<
 }
 
 fn cells(name: &str, figures: &[Option<f64>], figure: FigureArg) -> Vec<String> {
-    // of rows at rest the model says little, so that figures of all rows are high in sound recordings too
+    // the model is inaccurate at rest, so that values of all rows are high in sound recordings too
     let is_marked = |place: usize, value: f64| {
         figure == FigureArg::Relative && place < figures.len() / 2 && value > MARKED_ABOVE
     };

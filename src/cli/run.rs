@@ -67,11 +67,11 @@ pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
         Some(OfRun::SetAside(args)) => return set_aside(global, args),
         None => {}
     }
-    // SIGHUP reads the same file again: while it is missing, the shipped settings must not take its place
+    // SIGHUP reads the same file again: if it is missing then, the shipped settings must not replace it
     let global = &global.pinned();
     let config = checked(as_host(global.read_config()?, args))?;
-    // Never shut down: the process ends whatever its threads do, because a file system that does not answer must not keep
-    // it. A thread whose timer is shut down would panic.
+    // Never shut down: the process must end regardless of its threads, even if a file system does not answer. A thread
+    // whose timer is shut down would panic.
     let runtime = ManuallyDrop::new(runtime()?);
     runtime.block_on(until_stopped(global, args, config))
 }
@@ -87,7 +87,7 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
         ended = at_work(global, args, config, work) => ended,
         why = disks.abandoned(&stop) => Err(CliError::Io(why)),
     };
-    // threads that wait for a file to grow see it
+    // wakes threads that wait for a file to grow
     stop.cancel();
     ended
 }
@@ -108,7 +108,7 @@ async fn at_work(
 ) -> Result<u8, CliError> {
     let DaemonParts { metrics, stop, reload, disks } = work;
     let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
-    // before anything listens: a second daemon is told of the first, not of its port
+    // before anything listens: a second daemon then gets an error about the first, not about its port
     let claim = store.claim().await?;
     let session = store.join(SessionKind::Daemon).await?;
     let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
@@ -116,7 +116,7 @@ async fn at_work(
     let config = shared(config);
     let (in_force, configs) = watch::channel(Arc::clone(&config));
     let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
-    // the server ends with the daemon, whatever ends that
+    // the server ends with the daemon in all cases
     let serving = stop.child_token();
     let pruning = Pruning::start(store.clone(), configs.clone(), serving.clone());
     let dispatcher = Dispatcher::start(store.clone(), configs.clone(), serving.clone());
@@ -136,7 +136,7 @@ async fn at_work(
         }
     };
     let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
-    // the last copy has the conclusions that are drawn after the stop
+    // the last copy contains the conclusions that are drawn after the stop
     let concluded = CancellationToken::new();
     let snapshots = config.snapshot.clone().map(|settings| {
         Snapshots::start(pipeline.store().clone(), settings, metrics.clone(), concluded.clone())
@@ -185,7 +185,7 @@ fn as_host(mut config: Config, args: &RunArgs) -> Config {
     config
 }
 
-/// The configuration as it is now, for a daemon at work; every problem of one that cannot be used is logged.
+/// The present configuration, for a running daemon; every problem of an invalid one is logged.
 fn reread(global: &Global, args: &RunArgs) -> Option<Config> {
     match global.read_config().and_then(|config| checked(as_host(config, args))) {
         Ok(config) => Some(config),
@@ -203,7 +203,7 @@ fn reread(global: &Global, args: &RunArgs) -> Option<Config> {
     }
 }
 
-/// A configuration that was read again, with what takes effect at the next start only as it was.
+/// A configuration that was read again, except for settings that take effect only at the next start.
 fn keep_what_runs(mut config: Config, running: &Config) -> Config {
     if config.database != running.database {
         tracing::warn!("`database` has changed; that takes effect at the next start");

@@ -1,4 +1,4 @@
-//! `armwatch snapshot`: a copy of what is stored, for readers.
+//! `armwatch snapshot`: a copy of the stored data, for readers.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `armwatch sql`: questions in SQL.
+//! `armwatch sql`: queries in SQL.
 
 use std::io::{IsTerminal, Read};
 use std::path::{Path, PathBuf};
@@ -101,7 +101,7 @@ fn statement(args: &SqlArgs) -> Result<String, CliError> {
     }
 }
 
-/// Without `is_asked_for`, a person who typed no statement is told to, and not waited for.
+/// If standard input is not requested and a person has typed no statement, an error explains that instead of waiting.
 fn from_standard_input(is_asked_for: bool) -> Result<String, CliError> {
     let mut stdin = std::io::stdin().lock();
     if stdin.is_terminal() && !is_asked_for {
@@ -115,7 +115,7 @@ fn from_standard_input(is_asked_for: bool) -> Result<String, CliError> {
     Ok(text)
 }
 
-/// Reads `NAME=VALUE`; the name may be written as in the statement.
+/// Reads `NAME=VALUE`; the name may begin with `:`, `@` or `$`, like in the statement.
 fn named_value(text: &str) -> Result<(String, Value), String> {
     let (name, value) = text.split_once('=').unwrap_or((text, ""));
     let name = name.trim().trim_start_matches([':', '@', '$']);

@@ -1,4 +1,4 @@
-//! `armwatch status`: the fleet at a glance.
+//! `armwatch status`: the state of the fleet at a glance.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ use armwatch_store::{
     QuarantineRow, RunRow, Store, StoredCounts, UnansweredFolder, time_in_views,
 };
 
-/// Where alarms stand that people have answered and that are not closed.
+/// States of alarms that people have answered and that are not closed.
 const ANSWERED: [AlarmState; 3] = [AlarmState::Acknowledged, AlarmState::Shelved, AlarmState::Maintenance];
 
 #[derive(Debug, Args)]
@@ -73,7 +73,7 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
     Ok(EXIT_DONE)
 }
 
-/// A daemon, and since when nothing was heard of it.
+/// A daemon, and the time of its last sign of life.
 fn host_in_words(row: &HostRow) -> String {
     let seen = words::minute(row.seen_at);
     match (row.state, row.is_lost()) {
@@ -125,7 +125,7 @@ impl FleetGlance {
         robots
     }
 
-    /// Exports that are being stored.
+    /// Runs that are being stored.
     fn live(&self) -> impl Iterator<Item = &RunRow> {
         self.runs.iter().filter(|run| run.status == RunStatus::Streaming)
     }
@@ -224,7 +224,7 @@ impl FleetGlance {
         }
     }
 
-    /// Whether a joint has an alarm that is open, its own or one of the whole arm.
+    /// Returns true if a joint has an open alarm, its own or one of the whole arm.
     fn calls(&self, of: &FleetHealthRow) -> bool {
         self.open.iter().any(|row| {
             is_alarm(row.severity) && row.robot == of.robot && row.joint.is_none_or(|joint| joint == of.joint)
@@ -293,14 +293,14 @@ struct LiveRun {
     cycles: u32,
 }
 
-/// Since when the status of a robot is older than its usual interval between tests; `None` while it is not, and where the
-/// status itself says so.
+/// The time since which a robot's status is older than its usual interval between tests; `None` if it is not, or if the
+/// status itself shows that.
 fn stale_since(status: HealthStatus, joints: &[&FleetHealthRow], now: Timestamp) -> Option<Timestamp> {
     let expected_by = joints.iter().find_map(|row| row.expected_by)?;
     (status != HealthStatus::Overdue && expected_by < now).then_some(expected_by)
 }
 
-/// Tests that are the only one of their robot, and whose names the pattern of file names does not match.
+/// Tests that are the only one of their robot, and whose names do not match the pattern of file names.
 fn unmatched(runs: &[RunRow], recognition: &Recognition) -> Vec<i64> {
     let mut tests: BTreeMap<&str, Vec<&RunRow>> = BTreeMap::new();
     for run in runs.iter().filter(|run| run.kind == RunKind::Test && run.status == RunStatus::Complete) {
@@ -313,12 +313,12 @@ fn unmatched(runs: &[RunRow], recognition: &Recognition) -> Vec<i64> {
     only.filter(|run| !recognition.fits(&run.source_name)).map(|run| run.run_id).collect()
 }
 
-/// Whether an anomaly of this severity is an alarm; what is milder is worth knowing and calls nobody.
+/// Returns true if an anomaly of this severity is an alarm; milder ones are information only.
 fn is_alarm(severity: Severity) -> bool {
     severity >= Severity::Warning
 }
 
-/// How many alarms are open, how many are in each state of [`ANSWERED`], and how many open anomalies are worth knowing.
+/// Numbers of open alarms, of alarms in each state of [`ANSWERED`], and of open anomalies that are information only.
 fn alarms_in_words(open: &[Severity], answered: [usize; ANSWERED.len()]) -> String {
     let count_of = |severity: Severity| open.iter().filter(|of| **of == severity).count();
     let counted = |count: usize, what: &str| (count > 0).then(|| format!("{count} {what}"));
@@ -342,7 +342,7 @@ fn alarms_in_words(open: &[Severity], answered: [usize; ANSWERED.len()]) -> Stri
     [Some(alarms), answered, remarks].into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
-/// Friction of a joint against its baseline, in a width of its own; marked where an alarm of it is open.
+/// Friction index of a joint, in a fixed width; marked if an alarm of it is open.
 fn change(row: &FleetHealthRow, is_marked: bool) -> String {
     let change =
         row.friction_index.map_or_else(|| "?".to_owned(), |index| format!("{:+.0}", 100.0 * (index - 1.0)));

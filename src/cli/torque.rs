@@ -20,7 +20,8 @@ use armwatch_model::run::Stage;
 use armwatch_model::text;
 use armwatch_store::{OfCycle, Store};
 
-/// Figures of the same rows by another road differ by rounding; more says that something has changed.
+/// Largest relative difference that is rounding, between values of the same rows by another method; more means that
+/// something has changed.
 const SAME_FIGURE: f64 = 1e-6;
 
 #[derive(Debug, Args)]
@@ -120,11 +121,11 @@ impl From<ReplayError> for CliError {
     }
 }
 
-/// Torques with what they are of.
+/// Torques with their origin.
 struct Replayed {
     replay: Replay,
     export: PathBuf,
-    /// Whose parameters the estimate is made with.
+    /// Origin of the parameters of the estimate.
     parameters: String,
     series: TorqueSeries,
 }
@@ -185,7 +186,7 @@ async fn parameters(
     store: &Store,
     replay: &Replay,
 ) -> Result<(Vec<(ParameterId, f64)>, String), CliError> {
-    // a window of production has none of its own
+    // a window of production has no parameters
     let checked_against = match &args.parameters {
         None => store.checked_against(args.run, args.cycle).await?.map(|run| run.to_string()),
         Some(_) => None,
@@ -214,7 +215,7 @@ async fn parameters(
     Ok((found.iter().map(|p| (p.id, p.value)).collect(), name))
 }
 
-/// Says so if the rows do not give the figures that were stored with the cycle.
+/// Reports if the rows do not give the values that were stored with the cycle.
 fn compare(series: &TorqueSeries, stored: &[OfCycle<TorqueRmsd>], cycle: u32) {
     let differs = |stored: &&OfCycle<TorqueRmsd>| {
         let found = series.rmsd(stored.value.joint, stored.value.scope).all_rows;
@@ -247,7 +248,7 @@ fn chosen_rows(args: &TorqueArgs, series: &TorqueSeries, joint: JointIndex) -> V
     }
 }
 
-/// Lines by row and joint, one by one: all rows of a long cycle are hundreds of megabytes of text.
+/// Lines by row and joint, one at a time: all rows of a long cycle are hundreds of megabytes of text.
 fn csv_lines<'a>(args: &TorqueArgs, replayed: &'a Replayed) -> impl Iterator<Item = String> + use<'a> {
     const HEADER: &str =
         "time_s,stage,joint,q_rad,qd_rad_s,measured_nm,estimated_nm,residual_nm,moving,counted";
@@ -304,7 +305,7 @@ fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_
     value
 }
 
-/// RMSD by joint and stage over the rows that count.
+/// RMSD by joint and stage over the counted rows.
 fn summary(args: &TorqueArgs, replayed: &Replayed) -> String {
     let series = &replayed.series;
     let scopes: Vec<RmsdScope> = match args.stage {

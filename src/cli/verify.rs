@@ -1,4 +1,4 @@
-//! `armwatch verify`: parameters of one recording against others, without their exports.
+//! `armwatch verify`: compares parameters of one recording with other recordings, without their exports.
 
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
@@ -13,7 +13,7 @@ use crate::pipeline::stored::chosen_cycles::{
 use armwatch_model::analysis::{Estimator, TorqueRmsd};
 use armwatch_store::{RunRow, Store};
 
-/// Relative RMSD above which the thesis marks a figure: the parameters do not fit the recording.
+/// Smallest relative RMSD that the thesis marks: the parameters do not fit the recording.
 pub(super) const MARKED_ABOVE: f64 = 0.10;
 
 #[derive(Debug, Args)]
@@ -144,7 +144,7 @@ async fn chosen<'a>(
         for run in &runs {
             match NamedCandidate::of_run(store, run.run_id, estimator).await {
                 Ok(found) => named.push(found),
-                // its cycles are named with those that are passed over
+                // its cycles are listed with the skipped ones
                 Err(StoredError::PassedOver(_)) => {}
                 Err(StoredError::Numerics(error)) => output::print_hint(&format!(
                     "run {} gives no parameters and is only verified against: {error}",

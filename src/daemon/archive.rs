@@ -1,4 +1,4 @@
-//! After a run is complete: its export goes to the archive, where one is configured.
+//! Moves the export of a complete run to the archive, if one is configured.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -19,22 +19,22 @@ use armwatch_model::run::RunStatus;
 use armwatch_model::text;
 use armwatch_store::SourceState;
 
-/// Beyond this time and the time of a slow copy, disk or file server do not answer, and the export stays.
+/// If disk or file server exceed this time plus the time of a slow copy, they do not answer, and the export stays.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(60);
 
-/// Slowest copy that is waited for, bytes a millisecond: an export is written, and read twice.
+/// Slowest accepted copy, bytes per millisecond: an export is written, and read twice.
 const SLOWEST_BYTES_MS: u64 = 500;
 
-/// Copies into the archive that have not ended in time. Until they end, further exports stay, so an archive that does not
-/// answer blocks no export and only one thread.
+/// Copies into the archive that have not ended in time. Until they end, further exports stay, so that an archive
+/// without answer blocks no export and only one thread.
 static HANGING: AtomicUsize = AtomicUsize::new(0);
 
-/// Archives the export at `path`, of so many bytes, if its run is complete. If the archive refuses, that is logged and the
-/// source stays. The daemon tries again when it sees the file the next time, at the latest after a restart.
+/// Archives the export at `path`, of `bytes` bytes, if its run is complete. If the archive refuses, that is logged and
+/// the source stays. The daemon tries again when it next sees the file, at the latest after a restart.
 ///
 /// # Errors
-/// [`PipelineError`] if the database cannot be synced. Linux reports a lost write only once, so the daemon cannot go on:
-/// committed rows may be missing after the next start, when this source is read again.
+/// [`PipelineError`] if the database cannot be synced. Linux reports a lost write only once, so the daemon cannot
+/// continue: committed rows may be missing after the next start, when this source is read again.
 pub async fn after(
     pipeline: &Pipeline,
     path: &Path,
@@ -46,11 +46,11 @@ pub async fn after(
     else {
         return Ok(());
     };
-    // the next part of a recording is read with those before it
+    // the next part of a recording is read together with those before it
     if Parts::of(path).is_some() || pipeline.config().part_of(&text::of_file_name(path)).is_some() {
         return Ok(());
     }
-    // a commit survives the end of the process, and only a synced one survives a loss of power
+    // a commit survives the end of the process, but only a synced one survives a power failure
     pipeline.store().sync().await?;
     let file = text::of_path(path);
     match moved(pipeline, (path, bytes), folder, run_id).await {
@@ -75,7 +75,7 @@ async fn moved(
     let (source, content) = (path.to_owned(), run.content_hash);
     let archiving = move || {
         if is_inside(&source, &folder) {
-            // a link or mount lets the archive be seen in a watched folder
+            // a link or mount makes the archive visible in a watched folder
             return Ok((None, None));
         }
         let archived = archive(&source, &content, &folder, &below)?;
@@ -94,7 +94,7 @@ async fn moved(
     Ok(archived)
 }
 
-/// Does blocking work. An error if it takes longer than `time`, or if earlier work still hangs.
+/// Runs blocking work. Returns an error if it takes longer than `time`, or if earlier work still hangs.
 async fn within<T: Send + 'static>(
     hanging: &'static AtomicUsize,
     time: Duration,
@@ -125,8 +125,8 @@ async fn within<T: Send + 'static>(
     }
 }
 
-/// Takes exports that lie in the archive and that the database does not know: it lost their runs with a disk, or it is an
-/// older copy that was put back. Their sources are gone.
+/// Reads exports in the archive that the database does not know: it lost their runs with a disk, or it is an older copy
+/// that was restored. Their sources are gone.
 pub async fn take_missed(pipeline: Pipeline, stop: CancellationToken) {
     let Some(folder) = pipeline.config().watch.archive.clone() else { return };
     let found = tokio::task::spawn_blocking(move || watch::scan(&[from_root(&folder)], false)).await;
@@ -147,15 +147,15 @@ pub async fn take_missed(pipeline: Pipeline, stop: CancellationToken) {
             // they are concluded when the daemon starts again
             return;
         }
-        // what fails of one robot's history is written down and keeps no other robot waiting
+        // a failure of one robot's history is stored and delays no other robot
         if let Err(error) = pipeline.conclude_isolated(&robot).await {
             tracing::warn!(robot, %error, "conclusions are drawn later");
         }
     }
 }
 
-/// Takes files one after the other, each in a task of its own: one that fails or panics is said in the log and leaves the
-/// others as they are. The robots whose histories change.
+/// Reads files one after the other, each in a separate task: a failure or panic is logged and does not affect the other
+/// files. Returns the robots whose histories change.
 async fn each_alone<F>(
     files: impl Iterator<Item = PathBuf>,
     stop: &CancellationToken,
@@ -179,14 +179,14 @@ where
     robots
 }
 
-/// Takes an export of the archive unless it is known; the robot whose history it changes.
+/// Reads an export of the archive unless it is known; returns the robot whose history it changes.
 async fn take_if_missed(
     pipeline: &Pipeline,
     path: &Path,
     stop: &CancellationToken,
 ) -> Result<Option<String>, PipelineError> {
     let Some(state) = intake::source_state(path) else { return Ok(None) };
-    // earlier versions stored the path as it was given, and the time of modification
+    // earlier versions stored the path as given, and the modification time
     let given = pipeline.config().watch.archive.as_deref().and_then(|folder| {
         Some(folder.join(path.strip_prefix(from_root(folder)).ok()?).display().to_string())
     });
@@ -215,7 +215,7 @@ fn is_inside(path: &Path, folder: &Path) -> bool {
     real.is_ok_and(|folder| std::fs::canonicalize(path).is_ok_and(|path| path.starts_with(folder)))
 }
 
-/// The sub-folder of its watched folder that a file lies in, which it keeps.
+/// The sub-folder of a file within its watched folder, which the archive keeps.
 fn below(path: &Path, folders: &[PathBuf]) -> PathBuf {
     let path = from_root(path);
     let parent = path.parent().unwrap_or(Path::new(""));
@@ -223,7 +223,7 @@ fn below(path: &Path, folders: &[PathBuf]) -> PathBuf {
     below.unwrap_or(Path::new("")).to_owned()
 }
 
-/// A path from the root on, as it stands.
+/// An absolute path, without resolving links.
 pub fn from_root(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }

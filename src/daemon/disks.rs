@@ -1,8 +1,8 @@
 //! The disks that the daemon writes to: those of the database, of the copy for readers and of uploads.
 //!
-//! A call to a disk that hangs never returns, and the daemon waits for the database in many places. So a separate thread
-//! writes a few bytes to each disk at intervals. If they do not arrive in time, the log, `/ready` and the metrics say so,
-//! and a stop no longer waits for the disk.
+//! A call to a disk that hangs never returns, and the daemon waits for the database in many places. So a separate
+//! thread writes a few bytes to each disk at intervals. If they are not stored in time, the log, `/ready` and the
+//! metrics report that, and a stop no longer waits for the disk.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -25,7 +25,7 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
 /// Time between two attempts. Each costs a sync of the disk.
 const INTERVAL: Duration = Duration::from_secs(20);
 
-/// How often it is examined whether an attempt has taken too long.
+/// Interval of checks that an attempt has taken too long.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// After a stop, the daemon waits this long for a database whose disk hangs.
@@ -49,15 +49,15 @@ impl Drop for Disks {
 struct Watched {
     disk: Disk,
     folder: PathBuf,
-    /// Since when an attempt lasts.
+    /// Start of the running attempt.
     began: Arc<Mutex<Option<Instant>>>,
-    /// Asks for an attempt at once; the thread ends when this is dropped.
+    /// Requests an attempt at once; dropping it ends the thread.
     wishes: threads::Sender<()>,
     is_silent: bool,
 }
 
 impl Disks {
-    /// Watches the disks of a configuration. `stop` asks for an attempt at once.
+    /// Watches the disks of a configuration. `stop` requests an attempt at once.
     #[must_use]
     pub fn watch(config: &Config, metrics: Metrics, stop: CancellationToken) -> Self {
         let spool =
@@ -85,7 +85,7 @@ impl Disks {
         }
     }
 
-    /// Waits for the end of something at a stop, but not for a disk that hangs.
+    /// Waits for `ended` at a stop, unless a disk hangs.
     pub async fn unless_silent(&self, disk: Disk, ended: impl Future<Output = ()>) {
         tokio::select! {
             () = ended => {}
@@ -95,7 +95,8 @@ impl Disks {
         }
     }
 
-    /// Waits until a stop can wait for the database no longer, because its disk hangs. The sentence says so.
+    /// Waits until a stop must no longer wait for the database, because its disk hangs. The returned sentence reports
+    /// that.
     pub async fn abandoned(&self, stop: &CancellationToken) -> String {
         stop.cancelled().await;
         self.until_silent(Disk::Database).await;
@@ -109,7 +110,7 @@ impl Disks {
 }
 
 impl Watched {
-    /// Begins the thread of a disk.
+    /// Starts the thread of a disk.
     fn begin(disk: Disk, folder: PathBuf) -> Option<Self> {
         let began = Arc::<Mutex<Option<Instant>>>::default();
         let (wishes, wished) = threads::channel();
@@ -135,7 +136,7 @@ impl Watched {
         }
     }
 
-    /// Notes its state; true if it has just stopped or begun to answer.
+    /// Notes its state; returns true if it has just stopped or begun to answer.
     fn has_turned(&mut self, now: Instant) -> bool {
         let began = *self.began.lock().unwrap_or_else(PoisonError::into_inner);
         let is_silent = began.is_some_and(|began| now.saturating_duration_since(began) >= ANSWERS_WITHIN);
@@ -155,7 +156,7 @@ async fn look(
             () = stop.cancelled(), if !is_stopping => {
                 is_stopping = true;
                 for of in &watched {
-                    // a thread that hangs does not hear it
+                    // a hanging thread does not receive it
                     let _ = of.wishes.send(());
                 }
             }
@@ -193,11 +194,11 @@ fn around(file: &Path) -> PathBuf {
     folder.unwrap_or(Path::new(".")).to_owned()
 }
 
-/// Has the disk of a folder store something. The file has no name, so a process that is killed leaves none behind.
+/// Writes to the disk of a folder and syncs. The file has no name, so that a killed process leaves none behind.
 fn sync(folder: &Path) -> io::Result<()> {
     match unnamed_file(folder) {
         Ok(mut file) => file.write_all(b"?").and_then(|()| file.sync_all()),
-        // of a file system without such files
+        // for a file system without such files
         Err(_) => File::open(folder)?.sync_all(),
     }
 }

@@ -21,10 +21,10 @@ use armwatch_config::Config;
 use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_model::run::FileId;
 
-/// Counting the files that wait may take at most one part in so many of the daemon's time.
+/// Counting the waiting files may take at most this fraction (1/n) of the daemon's time.
 const COUNTING_SHARE: u32 = 100;
 
-/// While the daemon ends, it is seen so often whether file systems answer.
+/// Time between two checks during a stop that file systems answer.
 const ANSWERS_LOOKED_AT: Duration = Duration::from_millis(500);
 
 /// A file whose task has ended.
@@ -34,16 +34,16 @@ pub(super) struct Closed {
     pub(super) result: Result<Followed, PipelineError>,
 }
 
-/// How far which file has come.
+/// Progress of a file.
 type Progressed = (FileId, Progress);
 
-/// What became of exports that are being read.
+/// An event of an export that is being read.
 pub(super) enum Happened {
-    /// The task of one has ended.
+    /// A task has ended.
     Ended(Box<Closed>),
     /// Cycles of a run that is still being written were stored.
     Grown(i64),
-    /// Others can be begun.
+    /// Other exports can start.
     Progressed,
 }
 
@@ -53,10 +53,10 @@ struct SettledFile {
     robot: String,
     class: Class,
     access: FileAccess,
-    /// Its run has no number yet. One at a time of each class, so that numbers follow names, and of two files with one
-    /// content, which have one size, the first by name is taken.
+    /// Its run has no number yet. Only one per class may be in this state, so that numbers follow names, and of two
+    /// files with the same content (and size) the first by name is read.
     is_admitting: bool,
-    /// Its hanging read was said.
+    /// Its hanging read was logged.
     said: bool,
 }
 
@@ -66,13 +66,13 @@ impl SettledFile {
     }
 }
 
-/// The tasks that read exports, and how many there may be.
+/// The tasks that read exports, and their limits.
 pub(super) struct ExportTasks {
     stop: CancellationToken,
     tasks: JoinSet<Closed>,
     /// Growing files being read.
     places: FilePlaces,
-    /// When the files that wait are counted again at the earliest.
+    /// Earliest time of the next count of waiting files.
     next_count: Instant,
     /// Settled files being read.
     settled: HashMap<FileId, SettledFile>,
@@ -80,7 +80,7 @@ pub(super) struct ExportTasks {
 }
 
 impl ExportTasks {
-    /// None yet; `stop` ends each at its next cycle.
+    /// Starts without tasks; `stop` ends each at its next cycle.
     pub(super) fn new(stop: CancellationToken) -> Self {
         Self {
             stop,
@@ -96,22 +96,23 @@ impl ExportTasks {
         self.tasks.len()
     }
 
-    /// Whether a settled export of a robot is being read.
+    /// Returns true if a settled export of a robot is being read.
     pub(super) fn reads_settled(&self, robot: &str) -> bool {
         self.settled.values().any(|of| of.robot == robot)
     }
 
-    /// Settled files being read that hold up others: one whose file system does not answer does not.
+    /// Settled files being read that delay others: a file whose file system does not answer does not.
     fn reading(&self, now: Instant) -> impl Iterator<Item = &SettledFile> {
         self.settled.values().filter(move |of| !of.hangs(now))
     }
 
-    /// Waits for the end of a task; `None` where there is none.
+    /// Waits for the end of a task; `None` if there is none.
     pub(super) async fn next(&mut self) -> Option<Result<Closed, PipelineError>> {
         Some(self.tasks.join_next().await?.map_err(PipelineError::from))
     }
 
-    /// As [`ExportTasks::next`]; `None` also if the file systems of all remaining exports have not answered for `time`.
+    /// Like [`ExportTasks::next`]; `None` also if the file systems of all remaining exports have not answered for
+    /// `time`.
     pub(super) async fn next_answering(&mut self, time: Duration) -> Option<Result<Closed, PipelineError>> {
         loop {
             if let Ok(next) = tokio::time::timeout(ANSWERS_LOOKED_AT, self.next()).await {
@@ -131,7 +132,7 @@ impl ExportTasks {
         }
     }
 
-    /// Waits until something becomes of an export; may be dropped before.
+    /// Waits for the next event of an export; may be dropped before.
     pub(super) async fn happened(&mut self) -> Result<Happened, PipelineError> {
         tokio::select! {
             Some(closed) = self.tasks.join_next() => Ok(Happened::Ended(Box::new(closed?))),
@@ -150,14 +151,14 @@ impl ExportTasks {
         Happened::Progressed
     }
 
-    /// When a place falls free though nothing happens.
+    /// Time when a place becomes free without an event.
     pub(super) fn next_look(&self, schedule: &FileSchedule, now: Instant) -> Option<Instant> {
         let settled = self.settled.values().filter_map(|of| Some(of.access.asks_since()? + HANGING));
         let places = self.places.next_look(schedule.growing_waiting() > 0, now);
         settled.filter(|end| *end > now).chain(places).min()
     }
 
-    /// Whether another settled export of a class may be begun, where so many are read at once.
+    /// Returns true if another settled export of a class may start, with `most` read at once.
     pub(super) fn has_place(&self, class: Class, most: usize) -> bool {
         let now = Instant::now();
         let of_class = || self.reading(now).filter(move |of| of.class == class);
@@ -171,7 +172,7 @@ impl ExportTasks {
         self.settled.insert(due.file, settled);
     }
 
-    /// Frees the place of an export whose task has ended. Returns how many bytes were read of one that grows.
+    /// Frees the place of an export whose task has ended. Returns how many bytes of a growing one were read.
     pub(super) fn free(&mut self, due: &NextAttempt, way: &ReadMode) -> u64 {
         match way {
             ReadMode::Growing => self.places.take_back(due.file),
@@ -205,7 +206,7 @@ impl ExportTasks {
         hanging.into_iter().filter_map(around).collect()
     }
 
-    /// Starts as many tasks as there may be, for growing files first.
+    /// Starts as many tasks as the limits allow, for growing files first.
     pub(super) fn begin(&mut self, pipeline: &Pipeline, schedule: &mut FileSchedule) {
         let (now, most) = (Instant::now(), pipeline.config().watch.live_files);
         self.places.say_hanging(now);
@@ -234,8 +235,8 @@ impl ExportTasks {
         }
     }
 
-    /// Tells how many files wait and are being read. Each file that waits is looked at, so that of a long queue it is
-    /// not told with every event.
+    /// Updates the counts of waiting files and of files being read. Each waiting file is examined, so that a long queue
+    /// is not counted at every event.
     pub(super) fn count_queues(&mut self, pipeline: &Pipeline, schedule: &FileSchedule) {
         let began = Instant::now();
         if began < self.next_count {
@@ -258,7 +259,7 @@ impl ExportTasks {
         }
     }
 
-    /// Begins to read a growing file.
+    /// Starts to read a growing file.
     fn follow(&mut self, pipeline: &Pipeline, due: NextAttempt, now: Instant) {
         let access = access(pipeline.config());
         let place = self.places.give(due.file, &due.path, access.clone(), &self.stop, now);
@@ -275,7 +276,7 @@ impl ExportTasks {
                     }
                 }
                 Progress::Begun | Progress::CaughtUp | Progress::Grown(_) => {
-                    // nobody listens any more when the daemon ends
+                    // the receiver is gone when the daemon ends
                     let _ = sender.send((file, progress));
                 }
                 Progress::Cycle(_) => live.iter().for_each(LiveFile::stored),
@@ -290,7 +291,7 @@ impl ExportTasks {
         });
     }
 
-    /// Begins to read a settled file.
+    /// Starts to read a settled file.
     fn take(&mut self, pipeline: &Pipeline, due: NextAttempt, robot: String, class: Class) {
         let access = access(pipeline.config());
         self.admit(&due, &robot, class, access.clone());
@@ -298,7 +299,7 @@ impl ExportTasks {
         let (sender, file) = (self.progress.0.clone(), due.file);
         let progress = move |progress| {
             if progress == Progress::Begun {
-                // nobody listens any more when the daemon ends
+                // the receiver is gone when the daemon ends
                 let _ = sender.send((file, progress));
             }
         };
@@ -332,7 +333,7 @@ pub(super) fn on_own_thread<T: Send + 'static>(
     tokio::task::spawn_blocking(move || access.during(|| runtime.block_on(task)))
 }
 
-/// What becomes of a file of which so many bytes were read while it grew.
+/// The result for a file after `read` of its bytes were read while it grew.
 pub(super) fn closing(followed: &Followed, way: &ReadMode, read: u64) -> Closing {
     match (followed, way) {
         (Followed::GaveWay, _) => Closing::GaveWay(read),

@@ -1,4 +1,5 @@
-//! What the daemon knows of each file between two looks, and what is due. Pure: the clock is an argument.
+//! The daemon's knowledge of each file between two scans, and the next files to read. It reads no clock: the time is an
+//! argument.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::ffi::{OsStr, OsString};
@@ -12,123 +13,123 @@ use armwatch_ingest::find::settle::{Observation, Settling};
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_model::run::FileId;
 
-/// A file that grew again after it was done has a slow writer: each time, it must stand still twice as
-/// long, up to this. Hashing it again from its start would else take more and more of the time.
+/// A file that grew again after it was complete has a slow writer: each time, the required time without change doubles,
+/// up to this. Hashing the file again from its start would otherwise take more and more of the time.
 const LONGEST_PATIENCE: Duration = Duration::from_secs(600);
 
 /// Longest time between two attempts at a file that the system refuses to read.
 const LONGEST_REST: Duration = Duration::from_secs(60);
 
-/// A growing file that cannot be read on is tried again after this time, because somebody may have corrected it where it
-/// lies; the time doubles up to [`LONGEST_PATIENCE`].
+/// A growing file that cannot be read further is tried again after this time, because its content may have been
+/// corrected in place; the time doubles up to [`LONGEST_PATIENCE`].
 const FIRST_LOOK_AGAIN: Duration = Duration::from_secs(60);
-/// Whether a look that found a file is new.
+/// Age of the scan that found a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LookKind {
-    /// It has just ended.
+    /// The scan has just ended.
     Now,
-    /// It was taken into account before: nothing new is known of the file.
+    /// The scan was processed before: it has no news of the file.
     Before,
-    /// Neither, and its folder has not answered since: reading the file would wait for it too.
+    /// The scan is old, and its folder has not answered since: reading the file would wait for it too.
     Unanswered,
 }
 
-/// A file, and whether the look is new that found it.
+/// A file, and the age of the scan that found it.
 pub type Sighting<'f> = (&'f FoundFile, LookKind);
 
-/// How a file that the database knows is taken up when it is seen for the first time.
+/// How a file that the database knows is treated when it is first seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KnownFile {
-    /// It was read while it grew: it is read on at once.
+    /// It was read while it grew: reading continues at once.
     Growing,
-    /// It had settled, with this size in bytes and this time of modification in microseconds: as long as it is
-    /// like that, it is read on at once.
+    /// It had settled, with this size in bytes and this modification time in microseconds: if both are unchanged,
+    /// reading continues at once.
     Settled(u64, i64),
-    /// It lies there as it was when its fate was decided: it is left alone until it changes.
+    /// It has not changed since its treatment was decided: it is skipped until it changes.
     Taken,
 }
 
-/// A file to be taken.
+/// A file to be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NextAttempt {
-    /// Where it lies.
+    /// Its path.
     pub path: PathBuf,
-    /// What was seen of it last.
+    /// Its latest observed state.
     pub seen: Observation,
     /// Its number.
     pub file: FileId,
-    /// How long it must stand still to be done.
+    /// Time without change after which it is complete.
     pub patience: Duration,
 }
 
-/// What became of a file that was taken.
+/// The result of reading a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Closing {
-    /// It was read as it had settled; it is left alone until it changes, or has changed meanwhile.
+    /// It was read after it had settled; it is skipped until it changes, or has changed in the meantime.
     Taken,
     /// It was read to its end while it grew.
     Done,
-    /// Nothing can be said of it before it has settled.
+    /// It cannot be processed before it has settled.
     UntilSettled,
-    /// It cannot be read on before it has settled or is corrected.
+    /// It cannot be read further before it has settled or is corrected.
     Blocked,
-    /// It is to be looked at again.
+    /// It must be processed again.
     Again,
-    /// The system refuses to read it: it is to be taken again after a rest, which doubles each time.
+    /// The system refuses to read it: it is tried again after a pause, which doubles each time.
     Unreadable,
-    /// It gave its place to another growing file after so many of its bytes were read; what is written to it later
-    /// is read in its turn.
+    /// It gave its place to another growing file after this many of its bytes were read; later rows are read in its
+    /// next turn.
     GaveWay(u64),
 }
 
-/// A file that was read as it lies there. A folder may hold a hundred thousand of them, so that little is kept of each.
+/// A file that was read and has not changed. A folder may contain a hundred thousand of them, so each entry is small.
 #[derive(Debug)]
 struct ReadFile {
     size: u64,
     modified: SystemTime,
     file: FileId,
     patience: Duration,
-    /// It was done once before.
+    /// It was complete once before.
     done: bool,
 }
 
-/// What is known of a file that is not read as it lies there.
+/// State of a file that is new or has changed since it was read.
 #[derive(Debug)]
 struct Entry {
     seen: Observation,
     file: FileId,
     settling: Settling,
-    /// It was seen to grow since it was last read.
+    /// It grew since it was last read.
     grown: bool,
-    /// It is to be read only when it has settled.
+    /// It must settle before it is read.
     waits: bool,
-    /// Or from then on, after so many attempts that came no further.
+    /// Or this time is reached, after repeated attempts without progress.
     looks_again_at: Option<Instant>,
     blocks: u32,
-    /// It was done once.
+    /// It was complete once.
     done: bool,
     patience: Duration,
-    /// It is left alone until then, after so many refusals to read it.
+    /// It is skipped until then, after repeated refusals to read it.
     rests_until: Option<Instant>,
     refusals: u32,
-    /// Its queue once it has settled, which is that of its robot.
+    /// Its queue after it has settled, which is that of its robot.
     lane: String,
-    /// At which count of the turns it was queued; `None` while it is not.
+    /// Turn count when it was queued; `None` if it is not queued.
     queued: Option<u64>,
 }
 
-/// The order of files in which their lanes take turns: since when the file or its lane waits, since when the file
-/// does, its time of modification, its path.
+/// The order of files from different lanes: since when the file or its lane waits, since when the file waits, its
+/// modification time, its path.
 type TurnOrder<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 
-/// The files of the last look.
+/// The files of the latest scan.
 #[derive(Debug)]
 pub struct FileSchedule {
     settle: Duration,
     entries: HashMap<PathBuf, Entry>,
-    /// Files that are left alone until they change.
+    /// Files that are skipped until they change.
     read: HashMap<Box<Path>, ReadFile>,
-    /// Files that the database knows and that are not seen yet.
+    /// Files that the database knows and that were not seen yet.
     begun: HashMap<PathBuf, KnownFile>,
     /// Growing files that are not read yet.
     growing: BTreeSet<PathBuf>,
@@ -136,16 +137,16 @@ pub struct FileSchedule {
     settled: BTreeMap<String, BTreeSet<(Option<OsString>, PathBuf)>>,
     /// Files being read. By number, so that a file with two names is read once.
     open: HashSet<FileId>,
-    /// Looks and files opened so far.
+    /// Number of scans and of opened files so far.
     count: u64,
-    /// At which of these counts a file of a lane was opened last, so that robots are served in turn.
+    /// Counts when a file of each lane was last opened, so that robots take turns.
     turns: HashMap<String, u64>,
-    /// Files that the program may not have survived.
+    /// Files that may have crashed the program.
     suspects: Suspects,
 }
 
 impl FileSchedule {
-    /// A schedule that knows of no file but those that were `begun` earlier; files settle in `settle`.
+    /// Creates a schedule that knows only the files that were `begun` earlier; files settle in `settle`.
     #[must_use]
     pub fn new(settle: Duration, begun: HashMap<PathBuf, KnownFile>) -> Self {
         Self {
@@ -162,12 +163,12 @@ impl FileSchedule {
         }
     }
 
-    /// Takes over files that the program may not have survived in earlier lives.
+    /// Takes over files that may have crashed the program in earlier processes.
     pub fn suspect(&mut self, suspects: Suspects) {
         self.suspects = suspects;
     }
 
-    /// Lets files settle in `settle` from now on; those whose writers were found to be slow keep their longer time.
+    /// Sets the settle time of files; those with slow writers keep their longer time.
     pub fn settle_in(&mut self, settle: Duration) {
         let before = std::mem::replace(&mut self.settle, settle);
         let waiting = self.entries.values_mut().map(|entry| &mut entry.patience);
@@ -177,18 +178,19 @@ impl FileSchedule {
         }
     }
 
-    /// Files of a look that no earlier look has found.
+    /// Files of a scan that no earlier scan has found.
     pub fn unseen<'f>(&self, files: &[Sighting<'f>]) -> Vec<&'f FoundFile> {
         let is_known = |path: &Path| self.entries.contains_key(path) || self.read.contains_key(path);
         files.iter().map(|(file, _)| *file).filter(|file| !is_known(&file.path)).collect()
     }
 
-    /// Notes that the fate of files is decided as they lie there. Call it before the look that finds them is noted.
+    /// Marks files as unchanged since their treatment was decided. Must be called before [`note`](Self::note) for the
+    /// scan that finds them.
     pub fn taken_before(&mut self, paths: impl Iterator<Item = PathBuf>) {
         self.begun.extend(paths.map(|path| (path, KnownFile::Taken)));
     }
 
-    /// Notes what a look at the folders found at `now`. `lane_of` says in which queue a file stands when it has settled.
+    /// Processes the result of a scan of the folders at `now`. `lane_of` gives the queue of a file that has settled.
     pub fn note(&mut self, files: &[Sighting<'_>], now: Instant, lane_of: impl Fn(&Path) -> String) {
         let found: HashSet<&Path> = files.iter().map(|(file, _)| file.path.as_path()).collect();
         self.entries.retain(|path, _| found.contains(path.as_path()));
@@ -226,11 +228,11 @@ impl FileSchedule {
             is_suspect_read |= self.suspects.has(&file.path);
             longest_wait = longest_wait.min(*entry.queued.get_or_insert(self.count));
         }
-        // turns from before the oldest waiting file was queued cannot change the order any more
+        // turns from before the oldest waiting file was queued no longer affect the order
         self.turns.retain(|_, turn| *turn > longest_wait);
     }
 
-    /// Notes how a file was seen.
+    /// Updates a file from an observation.
     fn look_at(&mut self, file: &FoundFile, seen: Observation, lane_of: impl Fn(&Path) -> String) {
         let path = &file.path;
         if self.read.get(&**path).is_some_and(|read| read.is(file)) {
@@ -251,7 +253,7 @@ impl FileSchedule {
         }
     }
 
-    /// The next growing file that `may_be_opened`, of the robot that has waited longest; it counts as open from now on.
+    /// The next growing file that `may_be_opened`, of the robot that has waited longest; it is open from now on.
     pub fn next_growing(&mut self, may_be_opened: impl Fn(&Path) -> bool) -> Option<NextAttempt> {
         loop {
             let allowed = self.growing.iter().filter(|path| may_be_opened(path));
@@ -270,16 +272,16 @@ impl FileSchedule {
         self.growing.len()
     }
 
-    /// Number of settled files of a wanted size, bytes, that wait to be read.
+    /// Number of settled files that wait to be read and whose size in bytes is wanted.
     #[must_use]
     pub fn settled_waiting(&self, is_wanted: impl Fn(u64) -> bool) -> usize {
         let waiting = self.settled.values().flatten().filter_map(|(_, path)| self.entries.get(path));
         waiting.filter(|entry| is_wanted(entry.seen.size)).count()
     }
 
-    /// The next settled file of a lane that is not busy, with its lane: of those that are first by name in their
-    /// lane among those that `may_be_opened` and of a wanted size, bytes, that of the lane that has waited longest. It
-    /// counts as open from now on.
+    /// The next settled file of a lane that is not busy, with its lane. In each lane, only the first file by name
+    /// counts among those that `may_be_opened` and have a wanted size in bytes; the lane that has waited longest is
+    /// chosen. The file is open from now on.
     pub fn next_settled(
         &mut self,
         busy: &HashSet<String>,
@@ -304,13 +306,13 @@ impl FileSchedule {
         }
     }
 
-    /// Whether settled files of a lane wait.
+    /// Returns true if settled files of a lane wait.
     #[must_use]
     pub fn has_settled(&self, lane: &str) -> bool {
         self.settled.get(lane).is_some_and(|queue| !queue.is_empty())
     }
 
-    /// When it is the turn of a file that waits.
+    /// Position of a waiting file in the order.
     fn turn(&self, path: &Path) -> Option<TurnOrder<'_>> {
         let (path, entry) = self.entries.get_key_value(path)?;
         let queued = entry.queued.unwrap_or(self.count);
@@ -318,7 +320,7 @@ impl FileSchedule {
         Some((served.max(queued), queued, entry.seen.modified, path.file_name(), path))
     }
 
-    /// Files of the last look that are not read as they lie there and are not left alone at `now` either.
+    /// Number of files of the latest scan that are not read yet and are not skipped at `now`.
     #[must_use]
     pub fn waiting(&self, now: Instant) -> usize {
         let rests = |entry: &Entry| entry.rests_until.is_some_and(|end| now < end);
@@ -338,18 +340,18 @@ impl FileSchedule {
         Some(NextAttempt { path: path.to_owned(), seen, file, patience })
     }
 
-    /// Lets a file that was taken be taken again at the next look; others are left as they are.
+    /// Lets a file that was read be read again at the next scan; others are unchanged.
     pub fn again(&mut self, path: &Path, now: Instant, lane_of: impl Fn(&Path) -> String) {
         if let Some(read) = self.read.remove(path) {
             self.entries.insert(path.to_owned(), Entry::reopened(&read, now, lane_of(path)));
         }
     }
 
-    /// Notes what became of a file that was open.
+    /// Processes the result of reading a file that was open.
     pub fn close(&mut self, due: &NextAttempt, closing: Closing) {
         self.open.remove(&due.file);
         self.suspects.survived(&due.path);
-        // looks while it was open have queued it again; the next one knows better
+        // scans while it was open have queued it again; the next scan knows better
         self.growing.remove(&due.path);
         let lane = self.entries.get(&due.path).map(|entry| &entry.lane);
         if let Some(queue) = lane.and_then(|lane| self.settled.get_mut(lane)) {
@@ -365,7 +367,7 @@ impl FileSchedule {
                 self.read.insert(due.path.clone().into(), read);
             }
             Closing::Taken => {}
-            // what was read of it is compared with what lies there when it has settled
+            // the part that was read is compared with the file when it has settled
             Closing::Done => entry.done = true,
             Closing::UntilSettled => (entry.waits, entry.looks_again_at) = (true, None),
             Closing::Blocked => entry.block(),
@@ -377,7 +379,7 @@ impl FileSchedule {
 }
 
 impl ReadFile {
-    /// Whether it still lies there as it was read.
+    /// Returns true if the file has not changed since it was read.
     fn is(&self, found: &FoundFile) -> bool {
         (self.size, self.modified, self.file) == (found.size, found.modified, found.file)
     }
@@ -402,7 +404,7 @@ impl Entry {
         }
     }
 
-    /// The same of a file that may have been begun earlier.
+    /// The same for a file that may have been started earlier.
     fn begun(mut self, begun: Option<KnownFile>) -> Self {
         match begun {
             Some(KnownFile::Growing) => self.grown = true,
@@ -417,14 +419,15 @@ impl Entry {
         self
     }
 
-    /// A file that was read, and is to be looked at again: it has settled unless it is another one when it is seen.
+    /// An entry for a file that was read and must be processed again: it counts as settled unless it has changed when
+    /// it is seen.
     fn reopened(read: &ReadFile, now: Instant, lane: String) -> Self {
         let seen = Observation { size: read.size, modified: read.modified, at: now };
         let settling = Settling::settled_before(seen);
         Self { settling, done: read.done, ..Self::new(seen, read.file, read.patience, lane) }
     }
 
-    /// What is kept of it once it is read as it was seen.
+    /// The short entry for it after it was read in the observed state.
     fn read(&self) -> ReadFile {
         let Self { seen, file, patience, done, .. } = *self;
         ReadFile { size: seen.size, modified: seen.modified, file, patience, done }
@@ -453,7 +456,7 @@ impl Entry {
             self.patience = (2 * self.patience).min(LONGEST_PATIENCE.max(self.patience));
         }
         (self.rests_until, self.refusals) = (None, 0);
-        // a touched file has not grown, and one that was cut has not grown yet
+        // a touched file has not grown, and a file that was cut has not grown yet
         self.grown = same_file && seen.size > before.size;
         if !same_file || seen.size < before.size {
             (self.waits, self.blocks) = (false, 0);

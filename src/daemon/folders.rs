@@ -1,5 +1,5 @@
-//! The watched folders. A separate thread scans each of them, because a call to a dead file server never returns. The other
-//! folders are scanned all the same, and the daemon knows the time of the last scan of each.
+//! The watched folders. A separate thread scans each of them, because a call to a dead file server never returns. The
+//! other folders are scanned nevertheless, and the daemon knows the time of the last scan of each.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -17,22 +17,22 @@ use armwatch_config::{Config, WatchSettings};
 use armwatch_ingest::find::join::join_parts;
 use armwatch_ingest::find::watch::{self, Complaints, Scan, Skipped};
 
-/// A look at a folder whose file system has not answered a single call for so long hangs. A look takes longer where many
-/// files lie, and each of them answers.
+/// A scan of a folder hangs if its file system has not answered a single call for this time. A scan of many files takes
+/// longer, but each call returns.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
 
-/// Hints that arrive within this time cause one look: a copy of a large file makes thousands.
+/// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
 const HINT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Between two looks that hints cause, so many times what the last one took passes: files that grow
-/// all day must not make the daemon look at thousands of others all day.
+/// Pause between two scans that hints cause, as a multiple of the last scan's duration: files that grow all day must
+/// not make the daemon scan thousands of others all day.
 const LOOK_SHARE: u32 = 10;
 
-/// Folders whose file events come by a watch of their own, so that one that hangs keeps no hint of another: a user has 128
-/// such watches. The others share one.
+/// Folders with a separate watch for file events, so that a hanging one delays no hint of another: a user has 128 such
+/// watches. The others share one.
 const OWN_WATCHES: usize = 64;
 
-/// Results of the latest looks at all folders.
+/// Results of the latest scans of all folders.
 #[derive(Debug, Default)]
 pub struct FolderLooks<'f> {
     /// Exports, by name and path, each once.
@@ -47,37 +47,37 @@ pub struct FolderLooks<'f> {
     pub is_whole: bool,
 }
 
-/// A look that has ended.
+/// A scan that has ended.
 struct Ended {
     folder: u64,
     scan: Scan,
     took: Duration,
 }
 
-/// A folder, and the thread that looks at it.
+/// A folder, and the thread that scans it.
 struct ScannedFolder {
     number: u64,
     path: PathBuf,
     own_watch: bool,
-    /// Asks the thread for a look; it ends when this is dropped.
+    /// Requests a scan from the thread; dropping it ends the thread.
     wishes: threads::Sender<()>,
-    /// Counts the calls of the look to the file system.
+    /// Counts the scan's calls to the file system.
     calls: Arc<AtomicU64>,
-    /// Since when the look lasts.
+    /// When the present scan began.
     began: Option<Instant>,
-    /// When the next one begins, and when it may begin at the earliest if a hint comes.
+    /// When the next scan begins, and the earliest time after a hint.
     next: Instant,
     earliest: Instant,
-    /// A hint came while the look lasted.
+    /// A hint arrived during the scan.
     is_hinted: bool,
     /// The last count of calls, and when it was first seen.
     seen: (u64, Instant),
     scan: Option<Scan>,
-    /// Ended since the last look at all folders together, and since the last whole one.
+    /// Ended since the last scan of all folders together, and since the last whole one.
     is_new: bool,
     is_told: bool,
     looked_at: Option<Timestamp>,
-    /// The log has said that it does not answer.
+    /// Its silence was logged.
     is_silent: bool,
     complaints: Complaints,
 }
@@ -90,20 +90,20 @@ pub(super) struct Folders {
     count: u64,
     ended: (mpsc::UnboundedSender<Ended>, mpsc::UnboundedReceiver<Ended>),
     hints: (mpsc::Sender<()>, mpsc::Receiver<()>),
-    /// Asks the thread of the shared watch to take up folders that have come.
+    /// Requests that the thread of the shared watch adds new folders.
     shared: Option<threads::Sender<()>>,
-    /// Folders that did not answer and are not watched any more.
+    /// Folders that did not answer and are no longer watched.
     dropped: Vec<PathBuf>,
-    /// Tells parts of recordings.
+    /// Identifies parts of recordings.
     config: Option<Arc<Config>>,
     metrics: Metrics,
 }
 
-/// A folder that did not answer, or answers again.
+/// A folder that stopped or began to answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Turned {
     pub(super) folder: PathBuf,
-    /// When the last look at it ended, since this process started.
+    /// When the last scan of it ended, since this process started.
     pub(super) looked_at: Option<Timestamp>,
     pub(super) answers: bool,
 }
@@ -126,7 +126,7 @@ impl Folders {
         folders
     }
 
-    /// Looks at other folders from now on. Those that stay keep their threads, so that one that hangs gets no second.
+    /// Sets the watched folders. Those that stay keep their threads, so that a hanging folder gets no second one.
     pub(super) fn set(&mut self, settings: &WatchSettings) {
         let others =
             std::mem::replace(&mut self.follow_links, settings.follow_links) != settings.follow_links;
@@ -153,7 +153,7 @@ impl Folders {
         self.metrics.keep_folders(&settings.folders, settings.scan_interval);
     }
 
-    /// Joins the parts of recordings by this configuration from now on.
+    /// Sets the configuration that joins the parts of recordings.
     pub(super) fn join_by(&mut self, config: Arc<Config>) {
         self.config = Some(config);
     }
@@ -196,17 +196,17 @@ impl Folders {
         });
     }
 
-    /// When the next look at a folder begins, of those that no look is at.
+    /// When the next scan begins, among folders without a running scan.
     pub(super) fn next_begin(&self) -> Option<Instant> {
         self.folders.iter().filter(|folder| folder.began.is_none()).map(|folder| folder.next).min()
     }
 
-    /// Begins the looks that are due.
+    /// Starts the scans that are due.
     pub(super) fn begin(&mut self, now: Instant) {
         for folder in self.folders.iter_mut().filter(|folder| folder.began.is_none() && folder.next <= now) {
             (folder.began, folder.is_hinted) = (Some(now), false);
             folder.seen = (folder.calls.load(Ordering::Relaxed), now);
-            // without a thread the folder stays silent, and that is said
+            // if the thread is missing, the folder stays silent, which is reported
             let _ = folder.wishes.send(());
         }
         if let Some(shared) = &self.shared {
@@ -214,8 +214,8 @@ impl Folders {
         }
     }
 
-    /// Waits until a look has ended, and takes up all that have; or for a hint, which brings the next looks forward.
-    /// Returns whether there is something to take into account. May be dropped before.
+    /// Waits until a scan has ended, and processes all that have; or for a hint, which brings the next scans forward.
+    /// Returns true if there are results to process. May be dropped before.
     pub(super) async fn happened(&mut self) -> bool {
         let takes_hint = self.folders.iter().any(ScannedFolder::takes_hint);
         let first = tokio::select! {
@@ -242,7 +242,7 @@ impl Folders {
         }
         let Some(folder) = self.folders.iter_mut().find(|of| of.number == folder) else { return took };
         folder.complaints.warn(&scan);
-        // one that is not there was asked, and was not looked at
+        // a missing folder answered, but was not scanned
         if !scan.unreadable.iter().any(|place| place.path == folder.path) {
             folder.looked_at = Some(Timestamp::now());
         }
@@ -255,7 +255,7 @@ impl Folders {
         took
     }
 
-    /// Folders that have stopped or begun to answer since the last call, each said in the log.
+    /// Folders that have stopped or begun to answer since the last call; each is logged.
     pub(super) fn turned(&mut self, now: Instant) -> Vec<Turned> {
         let forgotten = |folder| Turned { folder, looked_at: None, answers: true };
         let mut turned: Vec<Turned> = self.dropped.drain(..).map(forgotten).collect();
@@ -286,13 +286,13 @@ impl Folders {
         turned
     }
 
-    /// When a look begins to hang, if nothing happens until then.
+    /// When the running scan begins to hang, if nothing happens until then.
     pub(super) fn next_turn(&self) -> Option<Instant> {
         let looking = self.folders.iter().filter(|folder| folder.began.is_some() && !folder.is_silent);
         looking.map(|folder| folder.seen.1 + ANSWERS_WITHIN).min()
     }
 
-    /// Results of the latest looks at all folders. Each counts as new once.
+    /// Results of the latest scans of all folders. Each counts as new once.
     pub(super) fn look(&mut self) -> FolderLooks<'_> {
         let new: HashSet<u64> = self
             .folders
@@ -309,7 +309,7 @@ impl Folders {
             folders: self.folders.iter().map(|folder| &*folder.path).collect(),
             ..FolderLooks::default()
         };
-        // a folder below another one, or with two names, is that of the first
+        // a folder within another one, or with two names, belongs to the first
         let mut reached: HashMap<&Path, &Path> = HashMap::new();
         for folder in &self.folders {
             let Some(scan) = &folder.scan else {
@@ -363,7 +363,7 @@ struct Looking {
     follow_links: bool,
     calls: Arc<AtomicU64>,
     ended: mpsc::UnboundedSender<Ended>,
-    /// Where hints go, if the folder has a watch of its own.
+    /// Receiver of hints, if the folder has a separate watch.
     hints: Option<mpsc::Sender<()>>,
 }
 
@@ -373,7 +373,7 @@ fn watch_together(folders: Vec<PathBuf>, hints: mpsc::Sender<()>) -> threads::Se
     let watching = move || {
         let mut watcher = watch::watch_folders(&folders, hints);
         while wished.recv().is_ok() {
-            // those that came meanwhile are granted together
+            // requests that arrived in the meantime are served together
             while wished.try_recv().is_ok() {}
             watcher.watch_missing();
         }
@@ -385,7 +385,7 @@ fn watch_together(folders: Vec<PathBuf>, hints: mpsc::Sender<()>) -> threads::Se
 }
 
 impl Looking {
-    /// Looks at the folder as often as that is wished, until nobody can wish it any more.
+    /// Scans the folder on each request, until the requester is dropped.
     fn run(self, wished: &threads::Receiver<()>) {
         let folders = [self.path];
         let goes_on = || {
@@ -394,7 +394,7 @@ impl Looking {
         let mut watcher = None;
         while wished.recv().is_ok() {
             let began = Instant::now();
-            // before the look: what comes after it gives a hint
+            // before the scan: later changes give a hint
             if let Some(hints) = &self.hints {
                 watcher.get_or_insert_with(|| watch::watch_folders(&folders, hints.clone())).watch_missing();
             }
@@ -455,7 +455,7 @@ mod tests {
         let mut folders = Folders::new(&settings(&paths), Metrics::counting());
         looked(&mut folders).await;
         let looked_at = folders.folders[0].looked_at;
-        // its thread never gets the wish
+        // its thread never gets the request
         let (nobody, _kept) = threads::channel();
         folders.folders[0].wishes = nobody;
         let now = Instant::now() + folders.interval;

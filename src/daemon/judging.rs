@@ -1,4 +1,4 @@
-//! Tests that are judged while they are still being written: which of them have a cycle that is not judged yet.
+//! Tests that are evaluated while they are still being written, and which of them have a new cycle.
 
 use std::collections::BTreeSet;
 
@@ -8,15 +8,15 @@ use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::open_test::OpenConclusion;
 use crate::pipeline::context::{Pipeline, PipelineError};
 
-/// A test and what came of judging it.
+/// A test and the result of its evaluation.
 type TestConclusion = (i64, Result<OpenConclusion, PipelineError>);
 
-/// Tests that wait to be judged, by the numbers of their runs. However many cycles come meanwhile, each is judged once
-/// by all of them.
+/// Tests that wait for evaluation, by the numbers of their runs. If several cycles arrive in the meantime, a test is
+/// evaluated once with all of them.
 #[derive(Debug, Default)]
 pub struct OpenTests {
     due: BTreeSet<i64>,
-    /// Those whose robot is to be concluded first.
+    /// Those whose robot needs conclusions first.
     waiting: BTreeSet<i64>,
     judging: JoinSet<TestConclusion>,
 }
@@ -32,7 +32,7 @@ impl OpenTests {
         self.due.append(&mut self.waiting);
     }
 
-    /// Begins to judge a test, one at a time.
+    /// Starts to evaluate a test, one at a time.
     pub fn begin(&mut self, pipeline: &Pipeline) {
         if !self.judging.is_empty() {
             return;
@@ -42,10 +42,10 @@ impl OpenTests {
         self.judging.spawn(async move { (run_id, pipeline.conclude_open_isolated(run_id).await) });
     }
 
-    /// The next test that is judged, with what is to be told of it; `None` while none is being judged.
+    /// The next evaluated test, with its conclusions to report; `None` while none is being evaluated.
     ///
     /// # Errors
-    /// [`PipelineError`] where the daemon cannot go on, such as a full disk.
+    /// [`PipelineError`] if the daemon cannot continue, for example with a full disk.
     pub async fn next(&mut self) -> Option<Result<Option<Concluded>, PipelineError>> {
         let judged = self.judging.join_next().await?;
         Some(judged.map_err(PipelineError::from).and_then(|judged| self.judged(judged)))

@@ -9,15 +9,16 @@ use crate::pipeline::context::{Pipeline, PipelineError};
 use armwatch_ingest::find::watch::Skipped;
 use armwatch_ingest::rejection::Rejection;
 
-/// Places that one look writes down. Others wait for the next one, so that a folder full of links does not stop the daemon.
+/// Most places that one scan stores. Others wait for the next scan, so that a folder full of links does not stop the
+/// daemon.
 const WRITTEN_AT_ONCE: usize = 50;
 
-/// The places that are written down.
+/// The stored places.
 #[derive(Debug, Default)]
 pub(super) struct LeftOutPlaces(HashSet<PathBuf>);
 
 impl LeftOutPlaces {
-    /// Writes down the places that are skipped now, and deletes the others.
+    /// Stores the places that are skipped now, and deletes the others.
     ///
     /// # Errors
     /// Those of the store.

@@ -1,4 +1,4 @@
-//! What became of an export, in the log and in the counters.
+//! Logs and counts the outcomes of exports.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use crate::metrics::ExportEnd;
 use crate::pipeline::context::Outcome;
 use armwatch_model::text;
 
-/// Logs what became of an export, by consequence.
+/// Logs the outcome of an export, at a level that fits its consequence.
 pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
     let file = text::of_path(path);
     match outcome {
@@ -17,7 +17,7 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
             }
         }
         Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
-        // said once, when it was read
+        // logged when it was read
         Outcome::Quarantined { rejection, known: true, .. } => {
             tracing::debug!("quarantined before: {rejection}");
         }
@@ -43,7 +43,7 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
     }
 }
 
-/// How what became of an export is counted.
+/// The metric's name for the outcome of an export.
 pub(super) fn end_of(outcome: &Outcome) -> ExportEnd {
     match outcome {
         Outcome::Stored(_) => ExportEnd::Stored,

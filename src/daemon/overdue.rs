@@ -1,8 +1,8 @@
-//! What comes with time alone: robots of which no test comes any more, and the end of shelving.
+//! Events that depend on time alone: robots whose tests stop arriving, and the end of shelving.
 //!
-//! When the next test of a robot is expected follows from its history and is stored with its conclusions. Whether
-//! that moment has passed only a running program can say, and only of robots that it saw send a test in time: an
-//! archive that is read years later is not overdue.
+//! The expected time of a robot's next test follows from its history and is stored with its conclusions. Only a running
+//! program can decide that this time has passed, and only for robots whose tests it saw arrive in time: an archive that
+//! is read years later is not overdue.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -17,10 +17,10 @@ use crate::alert;
 use crate::pipeline::context::Outcome;
 use armwatch_store::{Store, StoreError};
 
-/// Time between two looks: small beside the shortest interval of tests, and one query of a small table.
+/// Time between two checks: short compared with the shortest interval of tests; a check is one query of a small table.
 const LOOK: Duration = Duration::from_secs(10);
 
-/// What is to be known of the daemon's work.
+/// News of the daemon's work.
 enum News {
     /// A run of this robot was stored.
     Stored(String),
@@ -28,7 +28,7 @@ enum News {
     Concluded(String),
 }
 
-/// Watches for tests that do not come, beside the daemon.
+/// Watches for overdue tests in parallel with the daemon.
 #[derive(Debug)]
 pub struct OverdueWatch {
     news: mpsc::UnboundedSender<News>,
@@ -43,14 +43,14 @@ impl OverdueWatch {
         Self { news, task: tokio::spawn(look(store, stop, heard)) }
     }
 
-    /// Hears what the daemon reports.
+    /// Receives the daemon's reports.
     pub fn note(&self, event: &DaemonEvent<'_>) {
         let news = match event {
             DaemonEvent::Export(_, Outcome::Stored(run)) => News::Stored(run.robot.clone()),
             DaemonEvent::Concluded(concluded) => News::Concluded(concluded.robot.clone()),
             DaemonEvent::Export(..) => return,
         };
-        // nobody listens any more when the daemon ends
+        // the receiver is gone when the daemon ends
         let _ = self.news.send(news);
     }
 
@@ -93,7 +93,7 @@ async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedR
     }
 }
 
-/// Expects the next test of these robots, and forgets each of which that is written down.
+/// Expects the next test of these robots, and forgets each robot once its expectation is stored.
 async fn watch_for_tests(store: &Store, robots: &mut HashSet<String>) -> Result<(), StoreError> {
     while let Some(robot) = robots.iter().next().cloned() {
         store.watch_for_tests(&robot, Timestamp::now()).await?;
@@ -102,12 +102,12 @@ async fn watch_for_tests(store: &Store, robots: &mut HashSet<String>) -> Result<
     Ok(())
 }
 
-/// Says which robots are overdue, and ends shelving whose time is over.
+/// Reports overdue robots, and ends shelving that has expired.
 async fn say_due(store: &Store) -> Result<(), StoreError> {
     for robot in store.mark_overdue(Timestamp::now()).await? {
         alert::log_overdue(&robot);
     }
-    // the routes of alarms tell what this writes
+    // the routes of alarms send the events that this writes
     store.end_shelving(Timestamp::now()).await?;
     Ok(())
 }

@@ -1,8 +1,8 @@
-//! The places of exports that are read while they grow: who holds one, and who gives it to another. Pure: the clock
-//! is an argument.
+//! The places of exports that are read while they grow: which file holds one, and which gives it to another. It reads
+//! no clock: the time is an argument.
 //!
-//! There are fewer places than robots that may write at once. A file that is read up to what is written gives its
-//! place to one that waits; what it has read is not lost, since its next turn goes on behind its last stored cycle.
+//! There are fewer places than robots that may write at once. A file that is read up to its end gives its place to a
+//! waiting one; its progress is not lost, since its next turn continues after its last stored cycle.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -16,44 +16,45 @@ use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_model::run::FileId;
 use armwatch_model::text;
 
-/// Growing files at once that are not read up to what is written. After a restart all of them have to be caught up
-/// with; one after the other, the first is done before the last, and a daemon that is often killed gets on.
+/// Most growing files at once that are not read up to their end. After a restart all files have a backlog; if they are
+/// read one after the other, the first is finished before the last, and a daemon that is often killed makes progress.
 const CATCHING_UP: usize = 2;
 
-/// A file is not asked for its place sooner. With shorter turns, files would be opened more often than they are read.
+/// Shortest turn of a file before it must give its place. If turns were shorter, files would be opened more often than
+/// they are read.
 const SHORTEST_TURN: Duration = Duration::from_secs(1);
 
-/// A file keeps its place at least so many times as long as it took to catch up with it: reading again what a turn
-/// begins with (the hash of the stored cycles, the rows of the open one) takes a tenth of the time at most.
+/// A file keeps its place at least this many times as long as reading its backlog took: the repeated reading at the
+/// start of a turn (the hash of the stored cycles, the rows of the open one) then takes a tenth of the time at most.
 const TURN_PER_CATCHING_UP: u32 = 10;
 
-/// A file that is never read up to what is written, because its writer is faster, is asked for its place after this
-/// time; it gives it behind its next cycle.
+/// Longest turn of a file that is never read up to its end, because its writer is faster; it gives its place after its
+/// next cycle.
 const LONGEST_TURN: Duration = Duration::from_secs(60);
 
-/// A call to the file system that lasts longer hangs, such as one to a file server that is away. The file does not count as
-/// one that is read, so that it holds up no other.
+/// A call to the file system that lasts longer hangs, for example a call to an unreachable file server. The file then
+/// does not count as being read, so that it delays no other.
 pub(super) const HANGING: Duration = Duration::from_secs(1);
 
-/// After this time it is said in the log.
+/// A hanging call is logged after this time.
 pub(super) const SAID_AFTER: Duration = Duration::from_secs(10);
 
-/// Whether a call of those who open a file so has not returned for `time`.
+/// Returns true if a call through `access` has not returned for `time`.
 pub(super) fn hangs_for(access: &FileAccess, time: Duration, now: Instant) -> bool {
     access.asks_since().is_some_and(|since| now.saturating_duration_since(since) > time)
 }
 
-/// What is known of the reader of a growing file.
+/// Progress of the reader of a growing file.
 #[derive(Debug, Default)]
 pub struct Sign {
-    /// How it opens the file.
+    /// The access that opens the file.
     pub access: FileAccess,
     /// Bytes of the file that were read.
     bytes: AtomicU64,
 }
 
 impl Sign {
-    /// A read has returned, after so many bytes of the file. Says whether these are more than before.
+    /// Notes that a read has returned, after `bytes` bytes of the file. Returns true if these are more than before.
     pub fn has_read(&self, bytes: u64) -> bool {
         self.bytes.swap(bytes, Ordering::Relaxed) < bytes
     }
@@ -62,9 +63,9 @@ impl Sign {
 /// A place, for the task that reads the file.
 #[derive(Debug, Clone)]
 pub struct Place {
-    /// What the reader says of itself.
+    /// Progress of the reader.
     pub sign: Arc<Sign>,
-    /// Cancelled when the file is to give its place to another.
+    /// Cancelled when the file must give its place to another.
     pub give_way: CancellationToken,
 }
 
@@ -72,10 +73,10 @@ pub struct Place {
 struct Holder {
     path: PathBuf,
     since: Instant,
-    /// How long it took to catch up with what was written.
+    /// Time that reading the backlog took.
     caught_up_after: Option<Duration>,
     place: Place,
-    /// Its hanging read was said.
+    /// The hanging read was logged.
     said: bool,
 }
 
@@ -83,19 +84,19 @@ struct Holder {
 #[derive(Debug, Default)]
 pub struct FilePlaces {
     holders: HashMap<FileId, Holder>,
-    /// That places are short was said.
+    /// The shortage of places was logged.
     said_short: Option<usize>,
 }
 
 impl FilePlaces {
-    /// Whether one more file may be read, of `most`.
+    /// Returns true if another file may be read, of `most`.
     #[must_use]
     pub fn has_free(&self, most: usize, now: Instant) -> bool {
         let catching_up = self.reading(now).filter(|holder| holder.caught_up_after.is_none()).count();
         !self.are_taken(most, now) && catching_up < CATCHING_UP
     }
 
-    /// Files of which a call to the file system has not returned for `time`.
+    /// Files with a call to the file system that has not returned for `time`.
     pub fn hanging_for(&self, time: Duration, now: Instant) -> impl Iterator<Item = &Path> {
         let hanging = self.holders.values().filter(move |of| hangs_for(&of.place.sign.access, time, now));
         hanging.map(|holder| &*holder.path)
@@ -107,7 +108,7 @@ impl FilePlaces {
         self.holders.len()
     }
 
-    /// Whether all of `most` places are taken.
+    /// Returns true if all of `most` places are taken.
     #[must_use]
     pub fn are_taken(&self, most: usize, now: Instant) -> bool {
         self.reading(now).count() >= most
@@ -139,20 +140,20 @@ impl FilePlaces {
         place
     }
 
-    /// Notes that a file is read up to what is written.
+    /// Notes that a file is read up to its end.
     pub fn caught_up(&mut self, file: FileId, now: Instant) {
         if let Some(holder) = self.holders.get_mut(&file) {
             holder.caught_up_after.get_or_insert(now.duration_since(holder.since));
         }
     }
 
-    /// Takes the place of a file back. Returns how many of its bytes were read.
+    /// Removes a file from its place. Returns how many of its bytes were read.
     pub fn take_back(&mut self, file: FileId) -> u64 {
         let holder = self.holders.remove(&file);
         holder.map_or(0, |holder| holder.place.sign.bytes.load(Ordering::Relaxed))
     }
 
-    /// Asks files for their places, those first that have had them longest, so that `waiting` others get one.
+    /// Asks files for their places, those with the longest turns first, so that `waiting` others get one.
     pub fn ask(&mut self, waiting: usize, now: Instant) {
         let is_asked = |holder: &Holder| holder.place.give_way.is_cancelled();
         let asked = self.holders.values().filter(|holder| is_asked(holder)).count();
@@ -164,7 +165,7 @@ impl FilePlaces {
         }
     }
 
-    /// When something is due here though nothing happens: the end of a turn, or a read that begins to hang.
+    /// Time of the next change without an event: the end of a turn, or a read that begins to hang.
     #[must_use]
     pub fn next_look(&self, waiting: bool, now: Instant) -> Option<Instant> {
         let turns = self.holders.values().map(Holder::turn_ends).filter(|end| waiting && *end > now);
@@ -175,7 +176,7 @@ impl FilePlaces {
         turns.chain(readings.flatten().filter(|end| *end > now)).min()
     }
 
-    /// Says in the log, once each, which reads hang.
+    /// Logs each hanging read once.
     pub fn say_hanging(&mut self, now: Instant) {
         let hanging = |holder: &&mut Holder| hangs_for(&holder.place.sign.access, SAID_AFTER, now);
         for holder in self.holders.values_mut().filter(|holder| !holder.said).filter(hanging) {
@@ -184,7 +185,7 @@ impl FilePlaces {
         }
     }
 
-    /// Says in the log, once for each value of the setting, that `waiting` files find no place.
+    /// Logs that `waiting` files find no place, once for each value of the setting.
     pub fn say_short(&mut self, waiting: usize, most: usize) {
         if self.said_short == Some(most) {
             return;
@@ -198,7 +199,7 @@ impl FilePlaces {
     }
 }
 
-/// Says in the log that a read hangs.
+/// Logs that a read hangs.
 pub(super) fn say_hanging(path: &Path) {
     tracing::warn!(
         file = %text::of_path(path), "a read has not returned for {} s: the disk or file server does not answer; other \
@@ -207,7 +208,7 @@ pub(super) fn say_hanging(path: &Path) {
 }
 
 impl Holder {
-    /// From when on it may be asked for its place.
+    /// Time when the file may have to give its place.
     fn turn_ends(&self) -> Instant {
         let turn = match self.caught_up_after {
             Some(took) => SHORTEST_TURN.max(TURN_PER_CATCHING_UP * took),

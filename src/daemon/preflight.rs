@@ -1,5 +1,5 @@
-//! What would keep the daemon from working with a configuration on this machine, which its text does not show. `run`
-//! and `config check` ask the same.
+//! Problems of this machine that prevent the daemon from working with a configuration. The text of the configuration
+//! does not show them. `run` and `config check` perform the same checks.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -11,28 +11,28 @@ use crate::alert::trial;
 use crate::serve;
 use armwatch_config::{Config, ConfigProblem, WatchSettings};
 
-/// So long a place is waited for that may lie on a file server.
+/// Longest wait for a path that may be on a file server.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
-/// What is said of a place that does not answer.
+/// Message for a path that does not answer.
 pub const NO_ANSWER: &str = "does not answer";
 
 /// Permission of a group and of others to read.
 const OTHERS_READ: u32 = 0o044;
 
-/// What was found.
+/// The result of the checks.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Preflight {
     /// The daemon does not start with these.
     pub refusals: Vec<ConfigProblem>,
-    /// Watched folders that are not there, or do not answer. They may come, such as a mount; the daemon warns of each when
-    /// it looks.
+    /// Watched folders that do not exist or do not answer. They may appear later, such as a mount; the daemon warns of
+    /// each when it scans.
     pub missing: Vec<ConfigProblem>,
-    /// Odd, and nothing is lost.
+    /// Oddities that lose no data.
     pub remarks: Vec<ConfigProblem>,
 }
 
-/// Looks at the machine for what `config` names: database, folders and token.
+/// Checks the machine for everything that `config` names: database, folders and token.
 #[must_use]
 pub fn preflight(config: &Config) -> Preflight {
     let mut found = Preflight::default();
@@ -77,7 +77,7 @@ fn secrets(config: &Config, found: &mut Preflight) {
         let owned = path.to_owned();
         let mode = answered(move || std::fs::metadata(&owned).map(|file| file.permissions().mode()));
         let Some(Ok(mode)) = mode else { continue };
-        // systemd shows the access of one user, which it grants by a list, as that of a group
+        // systemd grants access for one user by a list, which appears as that of a group
         let is_handed_over =
             std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
         if mode & OTHERS_READ != 0 && !is_handed_over {
@@ -88,7 +88,7 @@ fn secrets(config: &Config, found: &mut Preflight) {
     }
 }
 
-/// What of the robots' descriptions is read otherwise than it is written.
+/// Parts of the robots' descriptions that are read differently than written.
 fn descriptions(config: &Config, found: &mut Preflight) {
     for entry in &config.fleet {
         for remark in &entry.description.remarks {
@@ -104,7 +104,7 @@ fn descriptions(config: &Config, found: &mut Preflight) {
     }
 }
 
-/// What of `[cluster]` has no effect.
+/// Settings of `[cluster]` without effect.
 fn cluster(config: &Config, found: &mut Preflight) {
     let settings = &config.cluster;
     let mut remark = |key: &str, problem: &str, hint: &str| {
@@ -147,7 +147,7 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
         }
         let others = watch.folders.iter().zip(&real).enumerate().filter(|(other, _)| *other != number);
         let around = others.filter_map(|(other, (name, outer))| Some((other, name, (*outer)?)));
-        // of the same folder by two names, the second is named
+        // if a folder has two names, the second is reported
         let mut around = around
             .filter(|(other, _, outer)| place.starts_with(outer) && (outer != place || *other < number));
         if let Some((_, outer, _)) = around.next() {
@@ -173,19 +173,19 @@ fn real_path(path: &Path) -> impl FnOnce() -> Option<PathBuf> + Send + use<> {
     move || std::fs::canonicalize(path).ok()
 }
 
-/// Whether something else than a folder lies there.
+/// Checks if the path exists and is not a folder.
 fn is_no_folder(path: &Path) -> impl FnOnce() -> bool + Send + use<> {
     let path = path.to_owned();
     move || path.exists() && !path.is_dir()
 }
 
-/// Looks for the first entry of a folder.
+/// Reads the first entry of a folder.
 fn listed(path: &Path) -> impl FnOnce() -> bool + Send + use<> {
     let path = path.to_owned();
     move || std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some())
 }
 
-/// Does work that may never end on a thread of its own.
+/// Runs work that may never end on a separate thread.
 fn ask<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> mpsc::Receiver<T> {
     let (sender, receiver) = mpsc::channel();
     // without a thread there is no answer
@@ -193,7 +193,7 @@ fn ask<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> mpsc::Re
     receiver
 }
 
-/// The answer, if it comes in time.
+/// The answer, if it arrives in time.
 fn answer<T>(asked: &mpsc::Receiver<T>, until: Instant) -> Option<T> {
     asked.recv_timeout(until.saturating_duration_since(Instant::now())).ok()
 }

@@ -1,4 +1,4 @@
-//! Taking away what has had its time, beside the daemon: at its start, and once a day.
+//! Removes factors past their retention time, in parallel with the daemon: at its start, and once per day.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,22 +12,22 @@ use crate::pipeline::retention::{kept_since, prune};
 use armwatch_config::Config;
 use armwatch_store::Store;
 
-/// Time between two looks. What is removed in one leaves room for what comes until the next.
+/// Time between two removals. The space of one removal is reused until the next.
 const LOOK: Duration = Duration::from_secs(24 * 3600);
 
-/// Age of the latest export from which on the clock of a start is doubted: a machine that starts without a network may be
-/// years ahead, and what is removed then does not come back.
+/// If the latest export is older than this at the start, the clock is in doubt: a machine that starts without a network
+/// may be years ahead, and a removal then could not be undone.
 const DOUBTFUL: SignedDuration = SignedDuration::from_hours(31 * 24);
 
-/// Takes away factors that have had their time, as `[retention]` says.
+/// Removes factors past the retention time in `[retention]`.
 #[derive(Debug)]
 pub struct Pruning {
     task: JoinHandle<()>,
 }
 
 impl Pruning {
-    /// Looks now and once a day, by the configuration in force then, until `stop` is cancelled. Where the latest export came more
-    /// than a month ago by the clock, the first look waits for a day.
+    /// Removes factors now and once per day, with the configuration in force then, until `stop` is cancelled. If the
+    /// latest export is more than a month old by the clock, the first removal waits for a day.
     #[must_use]
     pub fn start(store: Store, configs: watch::Receiver<Arc<Config>>, stop: CancellationToken) -> Self {
         Self { task: tokio::spawn(look(store, configs, stop)) }
@@ -74,7 +74,7 @@ async fn look(store: Store, configs: watch::Receiver<Arc<Config>>, stop: Cancell
     }
 }
 
-/// Waits for the next look; whether an end is asked for.
+/// Waits for the next removal; returns true if the end is requested.
 async fn waited(stop: &CancellationToken) -> bool {
     tokio::select! {
         () = stop.cancelled() => true,
@@ -82,7 +82,7 @@ async fn waited(stop: &CancellationToken) -> bool {
     }
 }
 
-/// When the latest export came, where that makes the clock `now` doubtful.
+/// The arrival of the latest export, if it makes the clock `now` doubtful.
 async fn doubtful(store: &Store, now: Timestamp) -> Option<Timestamp> {
     match store.last_entered_at().await {
         Ok(latest) => latest.filter(|latest| now.duration_since(*latest) > DOUBTFUL),

@@ -1,34 +1,34 @@
-//! What the service manager is told, where one has started the daemon: that it works, at what, that it is alive, and that
-//! it ends. Without `NOTIFY_SOCKET`, as in a terminal, nothing is said.
+//! Messages to the service manager, if one has started the daemon: ready, current activity, alive, stopping. Without
+//! `NOTIFY_SOCKET`, for example in a terminal, nothing is sent.
 
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
 
-/// The service manager, after the daemon has told it that it works.
+/// The service manager, after the daemon has reported that it is ready.
 #[derive(Debug)]
 pub(super) struct ServiceManager {
-    /// How often it wants to hear that the daemon is alive, at the least; `None`: not at all.
+    /// Interval of the messages that the daemon is alive; `None` if they are not required.
     beat: Option<Duration>,
     next_beat: Instant,
     status: String,
 }
 
 impl ServiceManager {
-    /// Says that the daemon works.
+    /// Reports that the daemon is ready.
     pub(super) fn ready(now: Instant) -> Self {
         tell(NotifyState::Ready);
-        // twice as often as asked for
+        // twice as often as required
         let beat = sd_notify::watchdog_enabled().map(|within| within / 2);
         Self { beat, next_beat: now, status: String::new() }
     }
 
-    /// When it is to hear of the daemon.
+    /// When the next message is due.
     pub(super) fn next_beat(&self) -> Option<Instant> {
         self.beat.map(|_| self.next_beat)
     }
 
-    /// Says that the daemon is alive.
+    /// Reports that the daemon is alive.
     pub(super) fn beat(&mut self, now: Instant) {
         if let Some(beat) = self.beat {
             tell(NotifyState::Watchdog);
@@ -36,7 +36,7 @@ impl ServiceManager {
         }
     }
 
-    /// Says what the daemon is at, where that has changed.
+    /// Reports the daemon's activity if it has changed.
     pub(super) fn status(&mut self, status: String) {
         if status != self.status {
             tell(NotifyState::Status(&status));
@@ -44,7 +44,7 @@ impl ServiceManager {
         }
     }
 
-    /// Says that the daemon ends.
+    /// Reports that the daemon is stopping.
     pub(super) fn stopping(self) {
         tell(NotifyState::Stopping);
     }

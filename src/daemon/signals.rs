@@ -1,4 +1,4 @@
-//! Signals that the daemon and long commands hear.
+//! Signals that the daemon and long commands handle.
 
 use std::io::IsTerminal;
 
@@ -6,8 +6,7 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-/// Hears SIGHUP: asks for the configuration to be read again, or, where the terminal that the program was started in
-/// has been closed, for a stop.
+/// Handles SIGHUP: requests that the configuration is read again, or, if the program's terminal was closed, a stop.
 ///
 /// # Errors
 /// If the handler cannot be installed.
@@ -18,21 +17,21 @@ pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Recei
     let stop = stop.clone();
     tokio::spawn(async move {
         while hangup.recv().await.is_some() {
-            // a terminal that is closed answers nothing any more
+            // a closed terminal gives no more answers
             if had_terminal && !std::io::stdin().is_terminal() {
                 tracing::info!("SIGHUP, the terminal is closed: finishing the cycle in hand");
                 return stop.cancel();
             }
             tracing::info!("SIGHUP: reading the configuration again");
-            // a full channel holds the wish already
+            // a full channel already contains the request
             let _ = sender.try_send(());
         }
     });
     Ok(receiver)
 }
 
-/// A token that SIGINT and SIGTERM cancel. A second signal ends the process at once, which is safe:
-/// what is done is committed.
+/// A token that SIGINT and SIGTERM cancel. A second signal ends the process at once, which is safe: finished work is
+/// committed.
 ///
 /// # Errors
 /// If the handlers cannot be installed.

@@ -1,4 +1,4 @@
-//! Copies of the database for readers, beside the daemon: when conclusions were drawn, and not too often.
+//! Copies of the database for readers, made in parallel with the daemon: after conclusions, and not too often.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::metrics::Metrics;
 use armwatch_config::SnapshotSettings;
 use armwatch_store::Store;
 
-/// Writes copies beside the daemon.
+/// Writes copies in parallel with the daemon.
 #[derive(Debug)]
 pub struct Snapshots {
     concluded: Arc<Notify>,
@@ -20,8 +20,8 @@ pub struct Snapshots {
 }
 
 impl Snapshots {
-    /// Writes a copy now, and one each time something was concluded since the last, until `stop` is cancelled; then a
-    /// last one where it is due.
+    /// Writes a copy now, and another each time conclusions were drawn since the last, until `stop` is cancelled; then
+    /// a last one if it is due.
     #[must_use]
     pub fn start(
         store: Store,
@@ -35,7 +35,7 @@ impl Snapshots {
         Self { concluded, task }
     }
 
-    /// Hears that there is something new.
+    /// Reports that there is something new.
     pub fn note(&self) {
         self.concluded.notify_one();
     }
@@ -58,7 +58,7 @@ async fn write(
     let mut earliest = Instant::now();
     loop {
         tokio::select! {
-            // what was concluded during the last copy is not left out if the stop came then too
+            // conclusions drawn during the last copy are included even if the stop arrived then too
             biased;
             () = concluded.notified() => {}
             () = stop.cancelled() => return,
@@ -109,7 +109,7 @@ mod tests {
             let settings = SnapshotSettings { file: file.clone(), interval: Duration::from_secs(3600) };
             let stop = CancellationToken::new();
             let snapshots = Snapshots::start(store.clone(), settings, Metrics::counting(), stop.clone());
-            // both before the task has begun: to it they come during a copy
+            // both before the task has started: for the task they arrive during a copy
             snapshots.note();
             stop.cancel();
             snapshots.ended().await;

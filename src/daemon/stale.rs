@@ -1,4 +1,4 @@
-//! Robots whose history has changed since conclusions were drawn, and when it is whose turn. Pure: the clock is an
+//! Robots whose history has changed since conclusions were drawn, and their order. It reads no clock: the time is an
 //! argument.
 
 use std::collections::{HashMap, HashSet};
@@ -7,19 +7,19 @@ use std::time::{Duration, Instant};
 use crate::pipeline::conclude::history::RUNS_AT_ONCE;
 use armwatch_store::{ConclusionFault, StaleRobot};
 
-/// While settled files of a robot wait, conclusions from its history wait for the last of them, but no longer
-/// than this: a backlog of a thousand runs is not judged a thousand times, nor only in the end.
+/// Longest delay of a robot's conclusions while settled files of it wait: a backlog of a thousand runs needs neither a
+/// thousand conclusions nor a single one at the end.
 const CONCLUDE_WITHIN: Duration = Duration::from_secs(10);
 
-/// Wait after conclusions that failed; it doubles each time, up to [`LONGEST_REST`]. A run that completes ends it,
-/// since the history is another one then.
+/// Pause after conclusions that failed; it doubles each time, up to [`LONGEST_REST`]. A completed run ends it, since
+/// the history has changed then.
 const FIRST_REST: Duration = Duration::from_secs(10);
 
-/// Longest wait after conclusions that failed.
+/// Longest pause after conclusions that failed.
 const LONGEST_REST: Duration = Duration::from_secs(3600);
 
-/// A robot whose history another program has changed, such as `armwatch ingest`, is left to that program as long as
-/// the history goes on changing, and for this time after it.
+/// If another program has changed a robot's history, such as `armwatch ingest`, that program draws the conclusions
+/// while the history keeps changing, and for this time afterwards.
 const LEFT_BY_OTHERS: Duration = Duration::from_secs(30);
 
 #[derive(Debug, Clone, Copy)]
@@ -34,15 +34,15 @@ struct Waiting {
 #[derive(Debug, Default)]
 pub struct Stale {
     waiting: HashMap<String, Waiting>,
-    /// How often drawing conclusions has failed, one time after the other.
+    /// Number of consecutive failures of conclusions.
     failures: HashMap<String, u32>,
-    /// Robots whose history others have changed: at which count it stands, and since when.
+    /// Robots whose history other programs have changed: change count, and time of the last change.
     by_others: HashMap<String, (i64, Instant)>,
 }
 
 impl Stale {
-    /// Takes over what an earlier daemon has left: robots that wait, and of which of them conclusions failed. Those
-    /// rest first.
+    /// Takes over robots from an earlier daemon: those that wait, and those whose conclusions failed. The latter pause
+    /// first.
     pub fn take_over(&mut self, stale: &[StaleRobot], faults: &[ConclusionFault], now: Instant) {
         for robot in stale {
             let failures =
@@ -64,7 +64,8 @@ impl Stale {
         waiting.rests_until = None;
     }
 
-    /// Notes which robots the database says are stale. `concluding` is the one whose conclusions are being drawn.
+    /// Updates the robots that the database reports as stale. `concluding` is the one whose conclusions are being
+    /// drawn.
     pub fn look(&mut self, stale: &[StaleRobot], concluding: Option<&str>, now: Instant) {
         let names: HashSet<&str> = stale.iter().map(|robot| robot.name.as_str()).collect();
         self.by_others.retain(|robot, _| names.contains(robot.as_str()));
@@ -83,8 +84,8 @@ impl Stale {
         }
     }
 
-    /// The robot whose turn it is, which waits no longer then: of those that are through with their backlog, or have
-    /// waited long enough, the one that has waited longest.
+    /// The robot whose turn it is; it stops waiting then. Candidates have finished their backlog, or waited long
+    /// enough; the one that has waited longest is chosen.
     pub fn next(&mut self, now: Instant, is_through: impl Fn(&str) -> bool) -> Option<String> {
         let is_due = |robot: &str, waiting: &Waiting| {
             waiting.rests_until.is_none_or(|end| end <= now)
@@ -104,29 +105,29 @@ impl Stale {
         self.failures.remove(robot);
     }
 
-    /// Notes that conclusions could not be stored now, which says nothing of the robot.
+    /// Notes that conclusions could not be stored now, for a reason unrelated to the robot.
     pub fn again(&mut self, robot: String, now: Instant) {
         let rests_until = Some(now + FIRST_REST);
         self.waiting.entry(robot).or_insert(Waiting { since: now, runs: 0, rests_until });
     }
 
-    /// Notes that no conclusions can be drawn of a robot: it rests.
+    /// Notes that conclusions for a robot failed: it pauses.
     pub fn failed(&mut self, robot: String, now: Instant) {
         let failures = self.failures.entry(robot.clone()).or_insert(0);
         let rest = FIRST_REST.saturating_mul(1 << (*failures).min(16)).min(LONGEST_REST);
         *failures += 1;
-        // a run that completed meanwhile has made another history
+        // a run that completed in the meantime has changed the history
         let rests_until = Some(now + rest);
         self.waiting.entry(robot).or_insert(Waiting { since: now, runs: 0, rests_until });
     }
 
-    /// How many robots wait for conclusions.
+    /// Number of robots that wait for conclusions.
     #[must_use]
     pub fn count(&self) -> usize {
         self.waiting.len()
     }
 
-    /// When a rest ends, or a wait has been long enough.
+    /// When a pause or the longest delay ends.
     #[must_use]
     pub fn next_look(&self, now: Instant) -> Option<Instant> {
         let moments = self.waiting.values().map(|waiting| match waiting.rests_until {

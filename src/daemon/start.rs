@@ -1,4 +1,4 @@
-//! What a daemon does before it watches: stored cycles of another estimator, files that were begun before.
+//! Work before the daemon watches: stored cycles of another estimator, files that were started before.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -11,14 +11,14 @@ use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::reweight::{Reweighted, Reweighting};
 use armwatch_store::{StoreError, UnfinishedSource};
 
-/// While stored cycles are identified again at the start, progress is said so often.
+/// Interval of progress messages while stored cycles are identified again at the start.
 const REWEIGHTING_SAID: Duration = Duration::from_secs(5);
 
-/// Pause before the database is asked again that did not answer.
+/// Pause before the database is queried again after a failure.
 const STORE_PAUSE: Duration = Duration::from_secs(1);
 
-/// Does what a start needs of the database, again and again while another program keeps it or its server does not answer;
-/// `None` if a stop comes first.
+/// Retries a start's access to the database while another program locks it or its server does not answer; `None` if a
+/// stop comes first.
 pub(super) async fn patiently<T>(
     stop: &CancellationToken,
     mut attempt: impl AsyncFnMut() -> Result<T, PipelineError>,
@@ -41,7 +41,7 @@ pub(super) async fn patiently<T>(
     }
 }
 
-/// How files whose runs are not complete are taken up again.
+/// Files whose runs are incomplete, and how they continue.
 pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, KnownFile> {
     let begun = |source: &UnfinishedSource| {
         if source.growing {
@@ -52,8 +52,8 @@ pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, 
     unfinished.iter().map(|source| (source.path.clone(), begun(source))).collect()
 }
 
-/// Identifies stored cycles of another estimator than the configured one again; `false` if a stop was asked for before
-/// all were through: nothing is read or concluded then.
+/// Identifies stored cycles of another estimator than the configured one again. Returns `false` if a stop was requested
+/// before all were done: nothing may be read or concluded then.
 pub(super) async fn reweight(pipeline: &Pipeline, stop: &CancellationToken) -> Result<bool, PipelineError> {
     let estimator = pipeline.config().analysis.estimator.name();
     let mut said = Instant::now();

@@ -1,5 +1,5 @@
-//! Exports that were in progress when the program was killed. They are read one at a time, so that the innocent ones clear
-//! themselves. Pure: the clock is an argument.
+//! Exports that were in progress when the program was killed. They are read one at a time, so that the harmless ones
+//! are cleared. It reads no clock: the time is an argument.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -7,20 +7,20 @@ use std::time::{Duration, Instant};
 
 use armwatch_store::{Attempt, QUIET_START};
 
-/// For how long other exports wait for the last attempt at one, at most: until it can be made, and as long again.
+/// Longest wait of other exports for the last attempt at one: until it can be made, and the same time again.
 const HELD: Duration = QUIET_START.saturating_mul(2);
 
-/// The suspects of the lives before this one.
+/// Suspects from earlier processes.
 #[derive(Debug)]
 pub struct Suspects {
-    /// When this life began.
+    /// When this process started.
     since: Instant,
     /// Each file and the next attempt at it.
     waiting: HashMap<PathBuf, Attempt>,
 }
 
 impl Suspects {
-    /// Files with the attempts that the program did not survive.
+    /// Creates suspects from files with the attempts that crashed the program.
     pub fn new(since: Instant, failed: impl IntoIterator<Item = (PathBuf, u32)>) -> Self {
         let next = |(path, attempts): (PathBuf, u32)| (path, Attempt { number: attempts.saturating_add(1) });
         Self { since, waiting: failed.into_iter().map(next).collect() }
@@ -28,13 +28,13 @@ impl Suspects {
 
     /// Returns true if a file may be read now. `is_one_read` is true while another suspect is being read.
     ///
-    /// The last attempt is made only when this life is older than lives that are repeatedly ended from outside. No other
-    /// export is begun before it, so the cause is certain if the program ends then.
+    /// The last attempt is made only when this process is older than processes that are repeatedly ended from outside.
+    /// No other export starts before it, so the cause is certain if the program ends then.
     pub fn admit(&self, path: &Path, is_one_read: bool, now: Instant) -> bool {
         let age = now.duration_since(self.since);
         let last_comes = self.waiting.values().any(|next| next.is_last()) && age < HELD;
         match self.waiting.get(path) {
-            // it goes into quarantine unread
+            // it is quarantined unread
             Some(next) if next.is_spent() => true,
             Some(next) if next.is_last() => !is_one_read && age >= QUIET_START,
             Some(_) => !is_one_read && !last_comes,
@@ -52,7 +52,7 @@ impl Suspects {
         self.waiting.contains_key(path)
     }
 
-    /// Notes that an attempt at a file has ended without ending the program.
+    /// Notes that an attempt at a file has ended without crashing the program.
     pub fn survived(&mut self, path: &Path) {
         self.waiting.remove(path);
     }

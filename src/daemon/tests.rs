@@ -1,4 +1,4 @@
-//! What ends a task that reads an export, and what does not end the daemon.
+//! Causes that end a task that reads an export, and do not end the daemon.
 
 use std::time::{Duration, SystemTime};
 

@@ -1,4 +1,4 @@
-//! Whose turn a file takes: that of its robot, among files of its class.
+//! The queue of a file: that of its robot, among files of its class.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use armwatch_config::Config;
 use armwatch_ingest::bytes::parts;
 use armwatch_model::text;
 
-/// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
-/// or slow files holds up small ones.
+/// Settled files by the resources that they need. Each class has separate places, so that large or slow files never
+/// delay small ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Class {
     /// Read within seconds.
@@ -24,22 +24,21 @@ impl Class {
     }
 }
 
-/// Which way a file is taken.
+/// How a file is read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum ReadMode {
-    /// As it grows.
+    /// While it grows.
     Growing,
-    /// As it has settled, in the turn of its robot.
+    /// After it has settled, in the turn of its robot.
     Settled(String, Class),
 }
 
-/// The robot that an export's name says, or the path of one that says none: such files do not wait for each
-/// other.
+/// The robot in an export's name, or the path if the name gives none: such files do not wait for each other.
 pub(super) fn robot_of(config: &Config, path: &Path) -> String {
     named_robot(config, path).unwrap_or_else(|| text::of_path(path))
 }
 
-/// The robot that an export's name says.
+/// The robot in an export's name.
 pub(super) fn named_robot(config: &Config, path: &Path) -> Option<String> {
     config
         .recognition

@@ -1,4 +1,4 @@
-//! Runs whose file is gone. Pure: the clock is an argument.
+//! Runs whose file is gone. It reads no clock: the time is an argument.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -7,26 +7,26 @@ use std::time::{Duration, Instant};
 use super::folders::FolderLooks;
 use armwatch_store::UnfinishedSource;
 
-/// A file that is missing for so many times the time to settle is gone: longer than a rename or a copy from
-/// folder to folder takes to be seen.
+/// A file that is missing for this many settle times is gone: that is longer than a rename, or a copy between folders,
+/// stays unseen.
 const SETTLES: u32 = 20;
 
-/// Whether a file is missing from folders that were looked into.
+/// Returns true if a file is missing from folders that were read.
 pub fn is_missing(path: &Path, look: &FolderLooks<'_>) -> bool {
     let is_below = |places: &[&Path]| places.iter().any(|place| path.starts_with(place));
-    // whole texts compare far faster than paths part by part
+    // comparing whole texts is far faster than comparing paths part by part
     let is_found = || look.files.iter().any(|(file, _)| file.path.as_os_str() == path.as_os_str());
     is_below(&look.folders) && !is_below(&look.hidden) && !is_found()
 }
 
-/// Unfinished runs none of whose files is to be seen, and since when.
+/// Unfinished runs whose files are all missing, and since when.
 #[derive(Debug, Default)]
 pub struct Missing(HashMap<i64, Instant>);
 
 impl Missing {
-    /// Notes what a look at the folders found at `now` and returns the runs whose files are gone. A file is
-    /// missing only from a folder that can be looked into, so that a share which is away takes no run with it;
-    /// of a file outside of the folders nothing can be said.
+    /// Processes the result of a scan of the folders at `now` and returns the runs whose files are gone. A file is
+    /// missing only from a readable folder, so that an unavailable share ends no run; the state of a file outside the
+    /// folders is unknown.
     pub fn note(
         &mut self,
         unfinished: &[UnfinishedSource],

@@ -8,7 +8,7 @@ use prometheus_client::metrics::MetricType;
 use rustix::param::{clock_ticks_per_second, page_size};
 use rustix::process::{Resource, getrlimit};
 
-/// The process, as `/proc/self` shows it (proc(5)). Other systems than Linux have no such files, and no figures.
+/// The process, from `/proc/self` (proc(5)). Systems other than Linux have no such files, and no metrics.
 #[derive(Debug)]
 pub(super) struct Process;
 

@@ -87,7 +87,7 @@ fn a_folder_answers_as_long_as_looks_end_and_goes_when_it_is_not_watched_any_mor
     assert_eq!(states, [("/in".to_owned(), at, true), ("/share".to_owned(), None, false)]);
     metrics.keep_folders(&folders[..1], Duration::from_secs(5));
     assert!(!text(&metrics).contains("/share"));
-    // nobody looks any more, though nothing is known to hang
+    // the scans have stopped, although no scan is hanging
     metrics.note_folder(&folders[0], |look| look.due = Instant::now() - Duration::from_secs(1));
     assert!(!metrics.folders()[0].answers);
 }

@@ -1,10 +1,10 @@
-//! Settled exports that are read and analysed before the ledger has decided on them: the processors are busy while the
-//! export is hashed, and while the exports before it are written down.
+//! Reads and analyses settled exports before the ledger has decided on them. This keeps the processors busy while an
+//! export is hashed and while the results of earlier exports are stored.
 //!
-//! What rows say depends on the bytes of the export and on the configuration alone. So nothing is decided here: the
-//! ledger is asked in the turn of the export, and what was read is used only if it is what would be read then, else
-//! dropped. A command does not even hash a large export of as many bytes as none before first: its run is known by what was
-//! read of it, as that of an export that grows, until all of it is read.
+//! The values of the rows depend only on the export's bytes and the configuration, so nothing is decided here. The
+//! ledger is queried when it is the export's turn; the early result is used only if a reading at that time would give
+//! the same, and is dropped otherwise. A command does not hash a large export first if no stored export has as many
+//! bytes: its run is identified by the bytes read so far, like that of a growing export, until it is read completely.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -34,28 +34,29 @@ use armwatch_store::{EarlierRun, Identity, SourceState, StoreError};
 /// When an export that is read ahead is hashed.
 #[derive(Debug, Clone, Copy)]
 struct Hashing {
-    /// Before it is read, up to so many bytes: that takes milliseconds, and a copy of what is stored is not read.
+    /// Hash an export up to this many bytes before reading it: that takes milliseconds, and avoids reading a copy of a
+    /// stored one.
     first_up_to: u64,
-    /// A larger one while it is read alone, where no run is of as many bytes. Else it is hashed in its turn, too.
+    /// Hash a larger export only during reading, if no run has as many bytes. Otherwise its turn hashes it too.
     once: bool,
 }
 
-/// As the daemon does: who has sent an export asks for it by its hash, also while it is read.
+/// Hashing for the daemon: a client that has sent an export may look it up by its hash, even during reading.
 const BY_CONTENT: Hashing = Hashing { first_up_to: 16 << 20, once: false };
 
-/// As a command does.
+/// Hashing for a command.
 const ONCE: Hashing = Hashing { once: true, ..BY_CONTENT };
 
-/// An export that is read ahead. Whoever drops it ends that.
+/// An export that is read ahead. Dropping it stops the reading.
 #[derive(Debug)]
 pub struct ReadAhead {
-    /// The file as it lay there before it was read.
+    /// State of the file before it was read.
     state: SourceState,
-    /// Its content, where it was hashed first.
+    /// Its content, if it was hashed before reading.
     hashed: Option<(ContentHash, u64)>,
-    /// Whether it may be taken without that.
+    /// True if it may be used without that.
     unhashed: bool,
-    /// What decides its cycles besides its bytes.
+    /// Hash of everything except its bytes that determines its cycles.
     made_with: ContentHash,
     pub(super) method: Arc<Method>,
     pub(super) streaming: Streaming<ReadEnd>,
@@ -69,27 +70,27 @@ pub struct ReadAhead {
 }
 
 impl ReadAhead {
-    /// Whether this is what would be read of an export that was let in, as far as is known: another content ends as a file
-    /// that has changed while it was read.
+    /// Returns true if a reading of the admitted export would give this, as far as is known. Another content appears as
+    /// a file that changed during reading.
     pub(super) fn is_of(&self, admitted: &AdmittedExport) -> bool {
         let content = self.whole.get().is_none_or(|whole| *whole == admitted.header.content_hash);
         let from_start = admitted.cycles_stored == 0 && admitted.resume.is_none();
         content && from_start && self.made_with == admitted.made_with
     }
 
-    /// The content and its bytes, where it was hashed before it was read and the file lies there as it did.
+    /// The content and its number of bytes, if the file was hashed before reading and has not changed since.
     pub(super) fn hashed(&self, path: &Path) -> Option<(ContentHash, u64)> {
         self.hashed.filter(|_| intake::source_state(path) == Some(self.state))
     }
 
-    /// Cancelled once the last row is read: then the next export may be read ahead, without more memory.
+    /// Cancelled once the last row is read: the next export may then be read ahead, without more memory.
     #[must_use]
     pub fn has_read(&self) -> CancellationToken {
         self.has_read.clone()
     }
 }
 
-/// Exports in their order, the next ones of them read ahead.
+/// Exports in their order; the next ones are read ahead.
 #[derive(Debug)]
 pub struct ExportsAhead {
     begun: mpsc::Receiver<Result<Option<ReadAhead>, PipelineError>>,
@@ -107,8 +108,8 @@ impl ExportsAhead {
 }
 
 impl Pipeline {
-    /// Begins to read `exports` ahead, in their order: each once all rows of the one before are read, and no more than
-    /// `cycles_in_analysis` of them before the first is asked for and after it.
+    /// Starts to read `exports` ahead, in their order. Each starts once all rows of the one before are read. At most
+    /// `cycles_in_analysis` exports are read ahead of the requested one.
     #[must_use]
     pub fn read_all_ahead(
         &self,
@@ -122,7 +123,7 @@ impl Pipeline {
             for export in exports {
                 let Ok(turn) = to_turn.reserve().await else { return };
                 let ahead = match pipeline.store.is_shared(&export) {
-                    // it is claimed in its turn, so that not two daemons read it until then
+                    // it is claimed in its turn, so that two daemons do not read it until then
                     true => Ok(None),
                     false => pipeline.read_ahead_hashing(&export, retry, &stop, ONCE).await,
                 };
@@ -136,8 +137,8 @@ impl Pipeline {
         ExportsAhead { begun, _beginning: AbortOnDropHandle::new(beginning) }
     }
 
-    /// Begins to read an export before its turn. `None` where there would be nothing to read, or that is seen in its turn
-    /// only: its fate is decided, a run goes on with it, its name says no robot, or it is no test.
+    /// Starts to read an export before its turn. Returns `None` if there is nothing to read, or if only its turn can
+    /// decide: its treatment is final, a run continues with it, its name gives no robot, or it is not a test.
     ///
     /// # Errors
     /// Those of the store.
@@ -150,7 +151,7 @@ impl Pipeline {
         self.read_ahead_hashing(path, retry, stop, BY_CONTENT).await
     }
 
-    /// As [`read_ahead`](Self::read_ahead), hashed as `hashing` says.
+    /// Like [`read_ahead`](Self::read_ahead), but hashes as `hashing` requires.
     async fn read_ahead_hashing(
         &self,
         path: &Path,
@@ -164,7 +165,7 @@ impl Pipeline {
         if known.is_some_and(|known| decide::is_decided(&known, retry)) {
             return Ok(None);
         }
-        // a command reads several exports ahead; one that the program did not survive is read in its turn, alone
+        // a command reads several exports ahead; an export that crashed the program is read in its turn, alone
         if hashing.once {
             if self.is_suspect(&name).await? {
                 return Ok(None);
@@ -256,9 +257,9 @@ impl Pipeline {
         }))
     }
 
-    /// Takes an export that is read ahead without hashing it first, where no run is of as many bytes, so that none has its
-    /// content, and where none goes on with it. `Err` where that cannot be said, or something is out of the ordinary: the
-    /// export is to be taken as any other then, which says what is wrong.
+    /// Takes an export that is read ahead without hashing it first. This requires that no run has as many bytes, so
+    /// that none has its content, and that no run continues with it. Returns `Err` if that is uncertain or something is
+    /// unusual: the export must then be taken the normal way, which reports the problem.
     ///
     /// # Errors
     /// Those of the store.
@@ -286,7 +287,7 @@ impl Pipeline {
             return Ok(Err(Some(ahead)));
         }
         intake::forget_unreadable(self, path).await?;
-        // stands in until the content is whole
+        // placeholder until the content is read completely
         let no_hash = ContentHash([0; 32]);
         let Recognised { entry, robot, started_at, .. } = &recognised;
         let header = intake::header(
@@ -306,7 +307,8 @@ impl Pipeline {
         taken
     }
 
-    /// Takes an export that is read ahead, whose run is begun; `Err` as [`take_unhashed`](Self::take_unhashed).
+    /// Takes an export that is read ahead and whose run has started; returns `Err` like
+    /// [`take_unhashed`](Self::take_unhashed).
     async fn take_begun(
         &self,
         export: &AdmittedExport,
@@ -329,9 +331,9 @@ impl Pipeline {
                 record::finish(self, export, &method, totals, refused, written_at).await
             }
             Ok((ReadEnd::Interrupted, _)) => Ok(Outcome::Interrupted),
-            // the file is read again, which finds its place
+            // reading the file again finds the position of the fault
             Ok((ReadEnd::Rejected(_), _)) => return Ok(Err(None)),
-            // its stored cycles are compared with the file when it is looked at again
+            // its stored cycles are compared with the file when it is processed again
             Ok((ReadEnd::Complete(_) | ReadEnd::Changed, _)) => {
                 self.store.forget_resume_point(export.run_id).await?;
                 Ok(Outcome::Changed)
@@ -344,8 +346,8 @@ impl Pipeline {
         }
     }
 
-    /// The content of a file and its bytes; `None` where it is stored or being read under any name, so that it is not read
-    /// again, or cannot be read, which is said in its turn.
+    /// The content of a file and its number of bytes. Returns `None` if it is stored or being read under any name, so
+    /// that it is not read again. Also returns `None` if it is unreadable; its turn reports that.
     async fn new_content_of(
         &self,
         path: &Path,
@@ -360,7 +362,7 @@ impl Pipeline {
         Ok(is_new.then_some((content, bytes)))
     }
 
-    /// The structure analysis of a robot; `None` where there is none, which is said in the turn of its export.
+    /// The structure analysis of a robot. Returns `None` if there is none; the turn of its export reports that.
     async fn method_of(&self, robot: &Arc<Robot>) -> Result<Option<Arc<Method>>, PipelineError> {
         if let Some(method) = self.known_method(robot) {
             return Ok(Some(method));
@@ -384,7 +386,8 @@ mod tests {
     use armwatch_store::Store;
     use armwatch_testing::er3a;
 
-    /// Exports of two tests of a robot, one of them twice, and a file that is none; in the order of their turn.
+    /// Exports of two tests of a robot, one of them twice, and a file that is not an export; in the order of their
+    /// turn.
     fn exports(folder: &Path) -> Vec<PathBuf> {
         let first_start = "2026-01-05T08:47:00Z".parse().expect("a time");
         let settings =
@@ -424,7 +427,7 @@ mod tests {
         let mut ahead = early.read_all_ahead(&exports, Retry::Never, &stop);
         for (place, export) in exports.iter().enumerate() {
             let begun = ahead.next().await.expect("a store");
-            // the ledger may know the first export already when its copy would be read ahead
+            // the ledger may already know the first export when its copy is due to be read ahead
             assert!(begun.is_some() || place == 2, "{}", export.display());
             let found = early.process_ahead(export, begun, Retry::Never, &stop, |_| ()).await;
             let expected = late.process_ahead(export, None, Retry::Never, &stop, |_| ()).await;
@@ -441,7 +444,7 @@ mod tests {
             assert!(expected.iter().all(|cycle| cycle.len() > 40));
             assert_eq!(parameters(&early, run_id).await, expected);
         }
-        // now the ledger knows them
+        // now the ledger contains them
         let mut ahead = early.read_all_ahead(&exports, Retry::Never, &stop);
         for export in &exports {
             let begun = ahead.next().await.expect("a store");
@@ -453,7 +456,7 @@ mod tests {
     async fn exports_that_are_not_hashed_first_come_to_what_they_come_to_in_their_turn() {
         let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
         let mut exports = exports(folders[2].path());
-        // one with a fault in its second cycle
+        // an export with a fault in its second cycle
         let faulty = folders[2].path().join("R00_20260110_0800_5s_cycle2.csv");
         let text = std::fs::read_to_string(&exports[0]).expect("an export");
         let (whole, rest) = text.split_at(text.len() / 4 * 3);
@@ -467,7 +470,7 @@ mod tests {
             let ahead = ahead.expect("a store");
             let ahead = ahead.expect("a test");
             let unhashed = early.take_unhashed(export, ahead, Retry::Never, |_| ()).await.expect("a store");
-            // a copy is as long as what is stored; what is not understood is read again
+            // a copy has the length of a stored export; a faulty export is read again
             assert_eq!(unhashed.is_ok(), place < 2, "{}", export.display());
             let found = match unhashed {
                 Ok(found) => found,
@@ -490,7 +493,7 @@ mod tests {
                 .expect("counts");
             assert_eq!(runs, (4, 0));
         }
-        // what is stored has its content
+        // a stored run has its content
         for export in &exports {
             let again = early.process_ahead(export, None, Retry::Never, &stop, |_| ()).await;
             let again = again.expect("an outcome");

@@ -1,4 +1,4 @@
-//! What everything in the pipeline works with and answers: the pipeline itself, outcomes, progress and errors.
+//! Shared types of the pipeline: the pipeline itself, outcomes, progress and errors.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -29,15 +29,15 @@ pub(super) enum Lane {
     Backlog,
 }
 
-/// What the stages of the pipeline share.
+/// State that the stages of the pipeline share.
 #[derive(Debug, Clone)]
 pub struct Pipeline {
     pub(super) config: Arc<Config>,
     pub(super) store: Store,
-    /// Structure analyses, made when the first export of a description arrives. Few, and told apart by all that
-    /// the description says: a wall-mounted arm may bear the name of one that stands.
+    /// Structure analyses, made when the first export of a description arrives. They are few, and are identified by the
+    /// whole description: a wall-mounted arm may have the same name as a standing one.
     pub(super) methods: Arc<Mutex<Vec<Arc<Method>>>>,
-    /// Places for analyses, of growing and of settled exports.
+    /// Permits for analyses, of growing and of settled exports.
     pub(super) places: [Arc<Semaphore>; 2],
     /// Held while conclusions are drawn.
     pub(super) concluding: Arc<tokio::sync::Mutex<()>>,
@@ -45,26 +45,26 @@ pub struct Pipeline {
     pub(super) open: OpenRuns,
     /// Memory of their cycles.
     pub(super) memory: CycleMemory,
-    /// What robots' complete tests say of those that are being written.
+    /// Results of robots' complete tests, for comparison with tests that are still being written.
     pub(super) usual: UsualByRobot,
-    /// Figures of the work.
+    /// Metrics of the work.
     pub(super) metrics: Metrics,
     /// How files are opened.
     pub(super) access: FileAccess,
 }
 
-/// What the complete tests of a robot say of the one that is being written.
+/// Results of a robot's complete tests, for comparison with the test that is being written.
 #[derive(Debug)]
 pub(super) struct RobotBaseline {
     /// The test that is being written.
     pub(super) run_id: i64,
-    /// How often the robot's history had changed.
+    /// Change count of the robot's history.
     pub(super) history: i64,
     pub(super) settings: DetectSettings,
     /// Ordinals of the epochs of the joints that the test belongs to.
     pub(super) epochs: Vec<u32>,
     pub(super) tests: UsualTests,
-    /// Those whose first cycles the arm is compared with, with what their cycles measured.
+    /// Baseline runs of the arm, with the measurements of their cycles.
     pub(super) first: Vec<(RunSummary, RunMeasurements)>,
 }
 
@@ -73,13 +73,13 @@ pub(super) type UsualByRobot = Arc<Mutex<HashMap<i64, Arc<RobotBaseline>>>>;
 
 pub(super) type OpenRuns = Arc<Mutex<HashSet<i64>>>;
 
-/// Keeps a run among those being read until it is dropped.
+/// Marks a run as being read until it is dropped.
 #[derive(Debug)]
 pub(super) struct OpenRun(pub(super) OpenRuns, pub(super) i64);
 
 impl OpenRun {
-    /// Lets other daemons read the run, where there are several. One that is dropped keeps it from them until the session of
-    /// this program ends.
+    /// Releases the run for other daemons, if there are several. If it is dropped instead, other daemons cannot read
+    /// the run until this program's session ends.
     pub(super) async fn close(self, store: &Store) {
         let run_id = self.1.to_string();
         store.release_work(&[(ClaimKind::Run, &run_id)]).await;
@@ -92,7 +92,7 @@ impl Drop for OpenRun {
     }
 }
 
-/// What became of an export.
+/// The result of processing an export.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
     /// Every cycle is stored.
@@ -110,21 +110,22 @@ pub enum Outcome {
         rejection: Rejection,
         /// Whole cycles before the fault, which are stored.
         cycles: u32,
-        /// Whether this was known of its content, which was not read again.
+        /// True if this was already known of its content, which was not read again.
         known: bool,
     },
-    /// A stop was asked for; what is stored stays, the rest is read when the program starts again.
+    /// A stop was requested. Stored cycles stay; the rest is read when the program starts again.
     Interrupted,
-    /// The file changed or vanished while it was read; it is looked at again later.
+    /// The file changed or vanished during reading; it is processed again later.
     Changed,
-    /// The system refuses to read the file, which says nothing of its content; it is looked at again later.
+    /// The system refuses to read the file, which does not depend on its content; it is tried again later.
     Unreadable {
-        /// What the system says.
+        /// The system's error.
         rejection: Rejection,
     },
-    /// The same content is being read under another name, or another daemon reads the file; it is looked at again later.
+    /// The same content is being read under another name, or another daemon reads the file; it is processed again
+    /// later.
     InWork {
-        /// The run that it becomes, where this is known.
+        /// The run that it becomes, if known.
         run_id: Option<i64>,
     },
 }
@@ -145,8 +146,8 @@ pub struct StoredRun {
 }
 
 impl StoredRun {
-    /// Cycles without parameters in words, such as `cycles 1 to 8`, with their reason: what is wrong with a channel is
-    /// mostly wrong in every cycle.
+    /// Cycles without parameters in words, such as `cycles 1 to 8`, with their reason. They are grouped, because a
+    /// faulty channel mostly affects every cycle.
     pub fn refusals(&self) -> impl Iterator<Item = (String, &str)> {
         self.refused.chunk_by(|a, b| a.1 == b.1 && a.0 + 1 == b.0).map(|alike| {
             let (first, reason) = &alike[0];
@@ -159,7 +160,7 @@ impl StoredRun {
 }
 
 impl Outcome {
-    /// The run that holds the export, where its fate is decided.
+    /// The run that contains the export, if its treatment is final.
     #[must_use]
     pub fn run_id(&self) -> Option<i64> {
         match self {
@@ -170,12 +171,12 @@ impl Outcome {
     }
 }
 
-/// How far an export has come, for progress bars.
+/// Progress of an export, for progress bars.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
-    /// The export is let in: its run has its number.
+    /// The export is admitted: its run has its number.
     Begun,
-    /// All that is written of a growing export so far is read.
+    /// All rows written so far of a growing export are read.
     CaughtUp,
     /// Bytes of the file read so far.
     Read(u64),
@@ -185,7 +186,7 @@ pub enum Progress {
     Grown(i64),
 }
 
-/// Why the pipeline cannot go on. A bad export is never one of these.
+/// Why the pipeline cannot continue. A bad export is never one of these.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The database failed.
@@ -196,24 +197,24 @@ pub enum PipelineError {
     Task(#[from] JoinError),
 }
 
-/// Whether an export whose fate is decided is read again.
+/// Selects which decided exports are read again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Retry {
-    /// A person asked for it: configuration may have changed.
+    /// Quarantined ones, on a person's request: the configuration may have changed.
     Quarantined,
-    /// Only when its content changes.
+    /// None, until their content changes.
     Never,
-    /// A person asked for it: a complete one is read again too, from its start, as the run that it is.
+    /// Complete ones too, on a person's request; they are read from the start, and keep their run.
     Complete,
 }
 
 /// A cycle under analysis.
 #[derive(Debug)]
 pub(super) struct InAnalysis {
-    /// What it will say, and its memory.
+    /// Its result, and its memory.
     pub(super) analysis: JoinHandle<(CycleAnalysis, HeldCycle)>,
-    /// What it and the cycles before it were read from.
+    /// The bytes that it and the cycles before it were read from.
     pub(super) read: ReadSoFar,
-    /// When the row that ended it was written, where that is known.
+    /// When the row that ended it was written, if known.
     pub(super) written: Option<SystemTime>,
 }

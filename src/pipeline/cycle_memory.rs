@@ -1,9 +1,10 @@
 //! One bound on the memory of all cycles that are being read and analysed.
 //!
-//! A cycle is in memory until its last row is read and its analysis has ended, and a daemon reads many exports at once. Beyond the
-//! bound an export reads no further, unless it has read most of its cycle of all that go on: that one comes to its end,
-//! or is refused for a cycle that has none, and makes room for the next. Of cycles that are cut, one is analysed at a
-//! time then. So nothing waits for ever. A cycle whose analysis alone takes more than the bound is refused, see [`most_rows`].
+//! A cycle is in memory until its last row is read and its analysis has ended, and a daemon reads many exports at once.
+//! Beyond the bound, an export pauses unless it has read most of its cycle among all active exports. That export
+//! continues until its cycle ends, or is refused if the cycle does not end, and then frees memory for the next. Cut
+//! cycles are analysed one at a time in this state. So no export waits for ever. A cycle whose analysis alone takes
+//! more than the bound is refused, see [`most_rows`].
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,20 +17,21 @@ use tokio_util::sync::CancellationToken;
 use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::run::Cycle;
 
-/// An export that has read nothing for so long keeps its rows, and the others no longer wait for it.
+/// An export that has read nothing for this time keeps its rows, and the others no longer wait for it.
 const IDLE: Duration = Duration::from_secs(10);
 
-/// How often those that wait look whether they may go on.
+/// Time between two checks of waiting exports that they can continue.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// How often it is said that exports wait.
+/// Interval of the log message that exports wait.
 const SAY: Duration = Duration::from_secs(60);
 
-/// Bytes that a cycle takes besides its rows, however short it is: its channels, each with memory of its own, and its place
-/// in the file.
+/// Bytes of a cycle besides its rows, however short it is: its channels, each with its own allocation, and its place in
+/// the file.
 const CYCLE_BYTES: usize = 4 << 10;
 
-/// A cycle under analysis takes so many halves of its rows: filtered channels stand beside the recorded ones.
+/// Halves of its rows' memory that a cycle under analysis takes: filtered channels are in memory next to the recorded
+/// ones.
 const HALVES_IN_ANALYSIS: usize = 5;
 
 /// Rows of the longest cycle whose analysis stays within `most` bytes, if a row takes `row_bytes`.
@@ -38,7 +40,7 @@ pub fn most_rows(most: usize, row_bytes: usize) -> usize {
     most / (row_bytes.max(1) * HALVES_IN_ANALYSIS) * 2
 }
 
-/// Bytes that the analysis of a cycle of so many rows takes.
+/// Bytes that the analysis of a cycle of `rows` rows takes.
 #[must_use]
 pub fn bytes_of_rows(rows: usize, row_bytes: usize) -> usize {
     rows * row_bytes / 2 * HALVES_IN_ANALYSIS
@@ -56,9 +58,9 @@ pub struct CycleMemory {
 #[derive(Debug, Default)]
 struct CycleMemoryShare {
     state: Mutex<SharedCycles>,
-    /// Fewer bytes are taken.
+    /// Signals that fewer bytes are in use.
     freed: Condvar,
-    /// The same, for analyses that wait.
+    /// The same signal, for waiting analyses.
     may_analyse: Notify,
 }
 
@@ -66,7 +68,7 @@ struct CycleMemoryShare {
 struct SharedCycles {
     next: u64,
     exports: HashMap<u64, ExportMemory>,
-    /// Bytes of cycles that are cut, and of their analyses that are not recorded.
+    /// Bytes of cut cycles, and of their analyses that are not recorded yet.
     cut: usize,
     in_analysis: usize,
     said: Option<Instant>,
@@ -79,19 +81,19 @@ struct ExportMemory {
     turn: RecordingTurn,
 }
 
-/// Whether the analyses of an export are recorded as they end. Those of an export that is read ahead wait for exports before it,
-/// so that these must not wait for it.
+/// True if the analyses of an export are recorded as they end. Those of an export that is read ahead wait for earlier
+/// exports, so that the earlier ones must not wait for it.
 #[derive(Debug, Clone, Default)]
 pub struct RecordingTurn(Arc<AtomicBool>);
 
 impl RecordingTurn {
-    /// Of an export that is recorded while it is read.
+    /// The turn of an export that is recorded during reading.
     #[must_use]
     pub fn come() -> Self {
         Self(Arc::new(AtomicBool::new(true)))
     }
 
-    /// From now on analyses are recorded.
+    /// Starts the recording of analyses.
     pub fn comes(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
@@ -106,8 +108,8 @@ impl SharedCycles {
         self.cut + self.exports.values().map(|export| export.bytes).sum::<usize>()
     }
 
-    /// Whether another export that goes on comes first: one whose analyses are recorded, then one that has read more of its
-    /// cycle, then the one that began first.
+    /// Returns true if another active export comes first: one whose analyses are recorded, then the one that has read
+    /// more of its cycle, then the one that began first.
     fn is_behind(&self, own: u64, idle: Duration) -> bool {
         let place = |id: u64, export: &ExportMemory| (export.turn.has_come(), export.bytes, u64::MAX - id);
         let Some(mine) = self.exports.get(&own).map(|export| place(own, export)) else { return false };
@@ -124,19 +126,19 @@ impl SharedCycles {
 }
 
 impl CycleMemory {
-    /// Up to `most` bytes.
+    /// Creates a memory with a bound of `most` bytes.
     #[must_use]
     pub fn new(most: usize) -> Self {
         Self { most, idle: IDLE, shared: Arc::default() }
     }
 
-    /// The same memory with another bound, for exports that are taken from now on.
+    /// The same memory with another bound, for exports from now on.
     #[must_use]
     pub fn up_to(&self, most: usize) -> Self {
         Self { most, ..self.clone() }
     }
 
-    /// Another export, whose cycle has no row yet.
+    /// Adds an export, whose cycle has no row yet.
     #[must_use]
     pub fn enter(&self, turn: RecordingTurn) -> OpenCycle {
         let mut state = self.lock();
@@ -146,7 +148,7 @@ impl CycleMemory {
         OpenCycle { all: self.clone(), id }
     }
 
-    /// A cycle that is cut.
+    /// Adds a cut cycle.
     #[must_use]
     pub fn hold(&self, cycle: &Cycle) -> HeldCycle {
         let bytes = CYCLE_BYTES + cycle.samples.rows() * cycle.samples.row_bytes();
@@ -164,7 +166,7 @@ impl CycleMemory {
     }
 }
 
-/// The open cycle of one export; its rows are forgotten when it is dropped.
+/// The open cycle of one export; dropping it releases its rows.
 #[derive(Debug)]
 pub struct OpenCycle {
     all: CycleMemory,
@@ -172,7 +174,7 @@ pub struct OpenCycle {
 }
 
 impl OpenCycle {
-    /// Notes how many bytes the rows of the cycle take, and waits while all cycles together exceed the bound and another
+    /// Sets the bytes that the rows of the cycle take, and waits while all cycles together exceed the bound and another
     /// export comes first. A stop ends the wait.
     pub fn has(&self, bytes: usize, stop: &CancellationToken) {
         let CycleMemory { most, idle, shared } = &self.all;
@@ -207,7 +209,7 @@ impl Drop for OpenCycle {
     }
 }
 
-/// The memory of a cycle that is cut, then of its analysis, until it is recorded.
+/// The memory of a cut cycle, then of its analysis, until it is recorded.
 #[derive(Debug)]
 pub struct HeldCycle {
     all: CycleMemory,
@@ -215,7 +217,7 @@ pub struct HeldCycle {
     is_in_analysis: bool,
 }
 
-/// It says nothing of the cycle.
+/// Always equal: it is not part of the cycle's value.
 impl PartialEq for HeldCycle {
     fn eq(&self, _: &Self) -> bool {
         true
@@ -243,7 +245,7 @@ impl HeldCycle {
         }
     }
 
-    /// The rows are gone, and their analysis is left.
+    /// Replaces the memory of the rows by that of their analysis.
     pub fn is_analysed(&mut self, analysis: &CycleAnalysis) {
         self.change(CYCLE_BYTES + bytes_of(analysis));
     }
@@ -280,7 +282,7 @@ mod tests {
     const SOON: Duration = Duration::from_secs(20);
     const NOT_YET: Duration = Duration::from_millis(400);
 
-    /// Lets a cycle have so many bytes on a thread of its own; what is received says that it went on, and gives it back.
+    /// Lets a cycle grow to `bytes` on a separate thread, which returns the cycle when it can continue.
     fn grow(cycle: OpenCycle, bytes: usize, stop: &CancellationToken) -> mpsc::Receiver<OpenCycle> {
         let (went_on, seen) = mpsc::channel();
         let stop = stop.clone();
@@ -296,14 +298,14 @@ mod tests {
         let (all, stop) = (CycleMemory::new(1000), CancellationToken::new());
         let large = grow(all.enter(RecordingTurn::come()), 700, &stop).recv_timeout(SOON).expect("room");
         let small = grow(all.enter(RecordingTurn::come()), 300, &stop).recv_timeout(SOON).expect("room");
-        // the bound is passed: the smaller one waits, the larger one does not
+        // the bound is exceeded: the smaller one waits, the larger one does not
         let waiting = grow(small, 400, &stop);
         let large = grow(large, 900, &stop).recv_timeout(SOON).expect("the largest goes on");
         assert!(waiting.recv_timeout(NOT_YET).is_err());
         // its next cycle begins
         let large = grow(large, 10, &stop).recv_timeout(SOON).expect("room");
         let small = waiting.recv_timeout(SOON).expect("room again");
-        // and it ends while the other waits
+        // its end lets the other continue
         let large = grow(large, 800, &stop).recv_timeout(SOON).expect("the largest");
         let waiting = grow(small, 450, &stop);
         assert!(waiting.recv_timeout(NOT_YET).is_err());

@@ -1,4 +1,4 @@
-//! Friction beyond a run's own warm-up: over speed by cycle, and the robot's maps with the index of each run.
+//! Friction beyond a run's own warming: over speed by cycle, and the robot's maps with the index of each run.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -23,7 +23,7 @@ use armwatch_store::{
     PlannedMap, Store, plan,
 };
 
-/// Fits friction over speed of each cycle of run `run_id`, on more threads than one while some are `spare`.
+/// Fits friction over speed of each cycle of run `run_id`, on several threads while some are `spare`.
 ///
 /// # Errors
 /// Those of the store.
@@ -40,7 +40,7 @@ pub async fn over_speed(
     Ok(tokio::task::spawn_blocking(move || speed_fits(&spare, &points, &fractions)).await?)
 }
 
-/// Friction over speed by cycle; joints with too few speeds have said so as cycle remarks already.
+/// Friction over speed by cycle; joints with too few speeds already have a cycle remark.
 fn speed_fits(
     spare: &SpareThreads,
     points: &[CyclePoint],
@@ -61,21 +61,22 @@ fn speed_fits(
     fits.into_iter().flatten().collect()
 }
 
-/// Tests of a robot by which friction is concluded, and the plan of them.
+/// Tests of a robot that conclusions on friction use, and their plan.
 #[derive(Debug)]
 pub struct Planned {
     found: FrictionTests,
     plan: FrictionPlan,
-    /// Positions of tests whose points were counted now.
+    /// Positions of tests whose points were just counted.
     unseen: HashSet<usize>,
-    /// Whether it is the plan of all tests.
+    /// True if it is the plan of all tests.
     is_whole: bool,
-    /// What the next tests are compared with.
+    /// The known plan that the next tests are compared with.
     pub known: Option<KnownPlan>,
 }
 
-/// Reads the tests of a robot by which friction is concluded. Of a long history these are the latest and those that they are
-/// compared with, unless all are asked for: the plan of these says of the latest what that of all tests says.
+/// Reads the tests of a robot that conclusions on friction use. For a long history, these are the latest tests and
+/// those that they are compared with, unless `of_all`: their plan gives the same result for the latest tests as the
+/// plan of all tests.
 ///
 /// # Errors
 /// Those of the store.
@@ -99,10 +100,10 @@ pub async fn planned(
     Ok(Planned { found, plan, unseen, is_whole: true, known })
 }
 
-/// Friction of a robot as its history now has it: baselines and maps by the rule of [`plan`], and the index of every test
-/// whose stored one stands on something else. A test is computed once, so that the work follows from what is new; tests
-/// are read one at a time. With it, what the next tests are compared with, where the history is long. `of_all` as for
-/// [`planned`].
+/// Friction of a robot by its present history: baselines and maps by the rule of [`plan`], and the index of every test
+/// whose stored index has another basis. A test is computed once, so that the effort depends on new data only; tests
+/// are read one at a time. If the history is long, the result contains the plan that the next tests are compared with.
+/// `of_all` has the same meaning as in [`planned`].
 ///
 /// # Errors
 /// Those of the store.
@@ -150,7 +151,7 @@ pub async fn friction_conclusion(
     Ok((conclusion, known))
 }
 
-/// Counts the friction points of tests that nobody has looked at; their positions.
+/// Counts the friction points of tests that were not counted yet; returns their positions.
 async fn look_at_points(store: &Store, found: &mut FrictionTests) -> Result<HashSet<usize>, PipelineError> {
     let mut unseen = HashSet::new();
     for (at, test) in found.tests.iter_mut().enumerate().filter(|(_, test)| test.points.is_none()) {
@@ -167,7 +168,7 @@ fn current_maps(plan: &FrictionPlan) -> Vec<(usize, JointIndex)> {
     references.iter().map(|(at, joint, _)| (*at, *joint)).collect()
 }
 
-/// Maps that have to be fitted now, each after its companions.
+/// Maps that must be fitted now, each after its companions.
 fn needed_maps(
     plan: &FrictionPlan,
     found: &FrictionTests,
@@ -189,7 +190,7 @@ fn needed_maps(
     let mut needed: BTreeSet<usize> = references.collect();
     needed.extend((0..plan.maps.len()).filter(unknown));
     needed.extend(current.iter().filter(without_map).map(|(at, _)| *at));
-    // companions come before those they help
+    // companions come before the maps that they help
     for at in (0..plan.maps.len()).rev() {
         if needed.contains(&at) {
             needed.extend(plan.maps[at].companions.iter().map(|(companion, _)| *companion));
@@ -198,7 +199,7 @@ fn needed_maps(
     needed
 }
 
-/// Maps that were fitted now, by their position in the plan.
+/// Maps that were just fitted, by their position in the plan.
 #[derive(Debug, Default)]
 struct HeldMaps(HashMap<usize, Formed>);
 
@@ -258,7 +259,7 @@ impl HeldMaps {
     }
 }
 
-/// The baselines in force, one entry a joint and epoch.
+/// The baselines in force, one entry per joint and epoch.
 fn baselines(plan: &FrictionPlan, found: &FrictionTests, maps: &HeldMaps) -> Vec<NewBaseline> {
     let first_maps = plan.maps.iter().enumerate().filter(|(_, map)| map.is_first());
     let of_map = |(at, map): (usize, &PlannedMap)| {

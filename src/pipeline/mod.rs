@@ -1,10 +1,10 @@
-//! The one way data flows: ingest, segment, identify, friction, verify, store, detect.
+//! The single path of data: ingest, segment, identify, friction, verify, store, detect.
 //!
-//! An export goes through three stages that run at once: a reading thread that cuts cycles, analysis on
-//! blocking threads, and recording in the order of the cycles. The daemon, which takes several exports
-//! at once, and the one-shot command use the same path, for files that have settled ([`take::intake`]) and
-//! files that grow ([`take::follow`]). A cycle is done when the transaction that stores its rows commits;
-//! whatever was cut short is read again from behind the last stored cycle ([`take::resume`]).
+//! An export passes three stages that run at once: a reading thread that cuts cycles, analysis on blocking threads, and
+//! recording in the order of the cycles. The daemon, which processes several exports at once, and the one-shot command
+//! use the same path, for files that have settled ([`take::intake`]) and files that grow ([`take::follow`]). A cycle is
+//! complete when the transaction that stores its rows commits; after an interruption, reading continues after the last
+//! stored cycle ([`take::resume`]).
 
 pub mod take;
 pub mod conclude;
@@ -50,7 +50,7 @@ use armwatch_model::text;
 use armwatch_store::{SourceState, Store, StoreError};
 
 impl Pipeline {
-    /// A pipeline into `store`.
+    /// Creates a pipeline into `store`.
     #[must_use]
     pub fn new(config: Arc<Config>, store: Store) -> Self {
         let places = [(); 2].map(|()| Arc::new(Semaphore::new(analysis_threads())));
@@ -69,13 +69,13 @@ impl Pipeline {
         }
     }
 
-    /// The same pipeline, which opens files so.
+    /// The same pipeline, with `access` for opening files.
     #[must_use]
     pub fn opening(&self, access: &FileAccess) -> Self {
         Self { access: access.clone(), ..self.clone() }
     }
 
-    /// Does work with files on a thread for work that blocks.
+    /// Runs work with files on a thread for blocking work.
     ///
     /// # Errors
     /// A panic of the work.
@@ -87,22 +87,22 @@ impl Pipeline {
         tokio::task::spawn_blocking(move || access.during(work)).await
     }
 
-    /// The same pipeline, which counts its work in `metrics`.
+    /// The same pipeline, counting its work in `metrics`.
     #[must_use]
     pub fn counting(self, metrics: Metrics) -> Self {
         Self { metrics, ..self }
     }
 
-    /// Where the pipeline counts its work.
+    /// The metrics of the pipeline.
     #[must_use]
     pub fn metrics(&self) -> &Metrics {
         &self.metrics
     }
 
-    /// The same pipeline under another configuration, for exports that are taken from now on.
+    /// The same pipeline with another configuration, for exports from now on.
     #[must_use]
     pub fn with_config(&self, config: Arc<Config>) -> Self {
-        // structure analyses hold the settings of `[analysis]`
+        // structure analyses contain the settings of `[analysis]`
         let methods = match config.analysis == self.config.analysis {
             true => Arc::clone(&self.methods),
             false => Arc::default(),
@@ -117,7 +117,7 @@ impl Pipeline {
         &self.config
     }
 
-    /// The same, to keep.
+    /// The same configuration, shared.
     #[must_use]
     pub fn shared_config(&self) -> Arc<Config> {
         Arc::clone(&self.config)
@@ -129,7 +129,7 @@ impl Pipeline {
         &self.store
     }
 
-    /// Closes the database; what is committed is safe without it, but its log stays behind.
+    /// Closes the database. Committed data is safe without it, but the write-ahead log is left.
     ///
     /// # Errors
     /// Those of the last checkpoint.
@@ -137,10 +137,10 @@ impl Pipeline {
         self.store.close().await
     }
 
-    /// Takes one export from disk to stored results.
+    /// Processes one export from the file to stored results.
     ///
     /// # Errors
-    /// [`PipelineError`] where going on with other files makes no sense, or the database was busy.
+    /// [`PipelineError`] if other files would fail too, or the database was busy.
     pub async fn process(
         &self,
         path: &Path,
@@ -151,10 +151,10 @@ impl Pipeline {
         self.process_reading(path, AheadReading::NotBegun, retry, stop, progress).await
     }
 
-    /// As [`process`](Self::process), of an export that may be read ahead.
+    /// Like [`process`](Self::process), for an export that may be read ahead.
     ///
     /// # Errors
-    /// As [`process`](Self::process).
+    /// Those of [`process`](Self::process).
     pub async fn process_ahead(
         &self,
         path: &Path,
@@ -184,7 +184,7 @@ impl Pipeline {
             return Ok(Outcome::InWork { run_id: None });
         };
         let taken = match claimed.is_shared() {
-            // another daemon may have read it since
+            // another daemon may have read it in the meantime
             true => self.known_outcome(path, &name, (retry, state)).await,
             false => Ok(None),
         };
@@ -197,7 +197,7 @@ impl Pipeline {
         taken
     }
 
-    /// What is said of a file that lies there as it did when its fate was decided.
+    /// The known outcome of a file that has not changed since its treatment was decided.
     async fn known_outcome(
         &self,
         path: &Path,
@@ -242,8 +242,8 @@ impl Pipeline {
         Ok(outcome)
     }
 
-    /// Those of `files` whose fate was decided when they were as they lie there now, which [`process`](Self::process)
-    /// would only say again.
+    /// Selects the files that have not changed since their treatment was decided; [`process`](Self::process) would only
+    /// repeat their outcome.
     ///
     /// # Errors
     /// Those of the store.
@@ -288,7 +288,8 @@ impl Pipeline {
         taken
     }
 
-    /// Takes an export whose run is begun. What cannot be stored of it is a fault of this export alone.
+    /// Processes an export whose run has started. If its results cannot be stored, that is a fault of this export
+    /// alone.
     async fn take_begun_export(
         &self,
         path: &Path,
@@ -301,7 +302,7 @@ impl Pipeline {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
                 format!("results that the database refuses: {detail}")
             }
-            // other exports go on
+            // other exports continue
             Err(PipelineError::Task(error)) => conclude::isolation::panic_reason(error)?,
             done => return done,
         };
@@ -349,14 +350,14 @@ impl Pipeline {
         };
         match end {
             ReadEnd::Complete(totals) => {
-                // a name without start was given the time at which the file was last written
+                // a name without start got the file's last write time
                 let written_at = Some(intake.header.started_at);
                 take::record::finish(self, intake, &method, totals, refused, written_at).await
             }
             ReadEnd::Rejected(rejection) if rejection.is_passing => Ok(Outcome::Unreadable { rejection }),
             ReadEnd::Rejected(rejection) => take::record::quarantine(self, intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
-            // its stored cycles are compared with the file when it is looked at again
+            // its stored cycles are compared with the file when it is processed again
             ReadEnd::Changed => {
                 self.store.forget_resume_point(intake.run_id).await?;
                 Ok(Outcome::Changed)
@@ -382,7 +383,7 @@ impl Pipeline {
         self.record(intake, streaming, |n| progress(Progress::Cycle(n))).await
     }
 
-    /// As [`stream`](Self::stream), of an export that is being read already.
+    /// Like [`stream`](Self::stream), for an export that is being read already.
     async fn record_ahead(
         &self,
         intake: &AdmittedExport,
@@ -390,7 +391,7 @@ impl Pipeline {
         ahead: ReadAhead,
         progress: impl Fn(Progress),
     ) -> Result<(ReadEnd, Vec<(u32, String)>), PipelineError> {
-        // writes down what the export records; its cycles are in work already
+        // stores the kind of recording; its cycles are already in analysis
         production::work(self, intake, method).await?;
         let ReadAhead { streaming, bytes, turn, stop: _until_recorded, .. } = ahead;
         turn.comes();
@@ -409,13 +410,13 @@ impl Pipeline {
         stored: impl Fn(u32),
     ) -> Result<(E, Vec<(u32, String)>), PipelineError> {
         let (analyses, tasks) = streaming.into_parts();
-        // a recorder that ended early has dropped its end of the channel, so that both tasks end too
+        // a recorder that ended early has dropped its end of the channel, so both tasks end too
         let recorded = take::record::cycles(self, intake, analyses, stored).await?;
         let end = tasks.ended().await?;
         Ok((recorded.rejection.map_or(end, E::rejected), recorded.refused))
     }
 
-    /// The structure analysis of the export's robot; `made`, where it was made already.
+    /// The structure analysis of the export's robot; `made` if it exists already.
     async fn method(
         &self,
         intake: &AdmittedExport,
@@ -449,18 +450,18 @@ impl Pipeline {
         }
     }
 
-    /// Threads that no analysis of a settled export has taken.
+    /// Threads that no analysis of a settled export uses.
     fn spare_threads(&self) -> SpareThreads {
         streaming::spare_threads(&self.places[Lane::Backlog as usize])
     }
 
-    /// Counts a run among those being read.
+    /// Marks a run as being read.
     fn open(&self, run_id: i64) -> OpenRun {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).insert(run_id);
         OpenRun(Arc::clone(&self.open), run_id)
     }
 
-    /// Whether an export of the run is being read.
+    /// Returns true if an export of the run is being read.
     #[must_use]
     pub fn is_open(&self, run_id: i64) -> bool {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).contains(&run_id)
@@ -472,15 +473,15 @@ impl Pipeline {
     }
 }
 
-/// Whether an export is read ahead when its turn comes.
+/// State of reading ahead when it is an export's turn.
 enum AheadReading {
-    /// It is to be read ahead now.
+    /// Not yet: it is read ahead now.
     NotBegun,
-    /// It was looked at before.
+    /// It was processed before its turn.
     Begun(Option<ReadAhead>),
 }
 
-/// An end of reading that an analysis may have cut short.
+/// An end of reading that an analysis may have caused.
 trait FromRejection: Send + 'static {
     /// The end at a rejection.
     fn rejected(rejection: Rejection) -> Self;

@@ -1,4 +1,4 @@
-//! Recordings of ordinary work: windows held against the parameters of the robot's tests.
+//! Production logs: windows are compared with the parameters of the robot's tests.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -18,15 +18,15 @@ use armwatch_model::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use armwatch_model::run::{Cycle, RunKind};
 use armwatch_store::{MOST_REFERENCES, ProductionWindow, ReferenceTest, Store, StoredCycle};
 
-/// Windows whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
+/// Windows whose factors are in memory at once: 50 kB each for a six-joint arm, 3 MB in total.
 const WINDOWS_AT_ONCE: usize = 64;
 
-/// What is done with each cycle of an export.
+/// The analysis of each cycle of an export.
 #[derive(Debug, Clone)]
 pub(super) enum CycleWork {
-    /// A test: all of the method, and what is to be said of each cycle.
+    /// A test: the full method, and a remark for each cycle.
     Test(Arc<Method>, Option<&'static str>),
-    /// Production: held against a test, where there is one.
+    /// Production: comparison with a test, if there is one.
     Production(Arc<Method>, Option<Arc<Reference>>),
 }
 
@@ -43,8 +43,8 @@ impl CycleWork {
         }
     }
 
-    /// As [`analyse`](Self::analyse), of a cycle whose memory goes round in `buffers`, on more threads than one while some are
-    /// `spare`.
+    /// Like [`analyse`](Self::analyse), for a cycle whose memory is reused through `buffers`, on several threads while
+    /// some are `spare`.
     pub(super) fn analyse_in(&self, cycle: Cycle, buffers: &Buffers, spare: &SpareThreads) -> CycleAnalysis {
         match self {
             Self::Test(method, remark) => {
@@ -57,7 +57,7 @@ impl CycleWork {
     }
 }
 
-/// What the cycles of an export in `layout` would be analysed with, without a test to hold them against.
+/// The analysis of cycles of an export in `layout`, without a test to compare them with.
 pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> CycleWork {
     match layout.stage.kind().run_kind() {
         RunKind::Test => CycleWork::Test(Arc::clone(method), layout.stage.kind().remark()),
@@ -65,7 +65,7 @@ pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> CycleWork {
     }
 }
 
-/// What the cycles of an export that was let in are to be analysed with; writes down what it records.
+/// The analysis of cycles of an admitted export. Stores which kind of recording the export is.
 pub(super) async fn work(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
@@ -76,7 +76,7 @@ pub(super) async fn work(
     if kind == RunKind::Test {
         return Ok(work_alone(&intake.layout, method));
     }
-    // what is said of a window while its log is still written; conclusions settle it
+    // a preliminary result for a log that is still written; conclusions make the final one
     let estimator = pipeline.config().analysis.estimator.of_factors();
     for test in store.reference_runs(intake.run_id, MOST_REFERENCES).await? {
         if let Some(found) = candidate(store, test, estimator).await?
@@ -89,7 +89,7 @@ pub(super) async fn work(
     Ok(CycleWork::Production(Arc::clone(method), None))
 }
 
-/// Parameters of a test, those of all its cycles together; `None` where they cannot be had.
+/// Parameters of a test, from all its cycles together; `None` if they are not available.
 async fn reference(
     store: &Store,
     run_id: i64,
@@ -126,20 +126,20 @@ async fn candidate(
         }
         Err(StoredError::Store(error)) => Err(error.into()),
         Err(StoredError::Task(error)) => Err(error.into()),
-        // stored by an older program, or a motion too poor: another test may do
+        // stored by an older program, or the motion is too poor: another test may work
         Err(StoredError::Numerics(_) | StoredError::Refused(_) | StoredError::PassedOver(_)) => Ok(None),
     }
 }
 
-/// Checks of a run's windows that are to take the place of what is stored.
+/// Checks of a run's windows that replace the stored ones.
 pub(super) type NewChecks = (i64, Vec<(u32, ProductionCheck)>);
 
-/// What windows of a robot's production are to be held against by its whole history, where that is not stored yet,
-/// from stored factors: no export is read.
+/// Compares windows of a robot's production with the tests of its whole history, if the stored comparison is outdated.
+/// It uses stored factors and reads no export.
 ///
-/// A window belongs to the last test that started no later, else to the first one; a test without parameters of the
-/// window's description is passed over. What is stored by another estimator than the configured one, or what stands for
-/// it on factors, is made again.
+/// A window belongs to the last test that started no later, or else to the first test; a test without parameters of the
+/// window's description is skipped. A check is computed again if it was stored by an estimator other than the
+/// configured one or its counterpart on factors.
 ///
 /// # Errors
 /// Those of the store.
@@ -188,7 +188,7 @@ fn nearest<'a>(
     before.iter().rev().chain(after).filter(move |test| test.robot_model_id == model)
 }
 
-/// Checks of windows, given by their numbers with the test that each is held against.
+/// Checks of windows, given by their numbers, each with its test for comparison.
 async fn checks(
     store: &Store,
     run_id: i64,

@@ -1,8 +1,8 @@
-//! Factors that have had their time: those of tests are removed, those of ordinary work joined into one factor a joint
-//! and motion of their log.
+//! Applies the retention times of factors: those of tests are removed, those of production are joined into one factor
+//! per joint and motion of their log.
 //!
-//! It works beside everything else: each transaction is short, and between two of them others have their turn. It may be
-//! ended at any moment and goes on where it was, since each transaction leaves the database whole.
+//! It works in parallel with everything else: each transaction is short, and other writers have their turn in between.
+//! It can be interrupted at any moment and continues later, since each transaction leaves the database consistent.
 
 use std::time::Duration;
 
@@ -17,13 +17,13 @@ use armwatch_model::analysis::CycleFactors;
 use armwatch_model::run::RunKind;
 use armwatch_store::{DueRun, KeptSince, Store, WindowsToJoin};
 
-/// Cycles of a transaction: some 10 MB of factors.
+/// Cycles per transaction: some 10 MB of factors.
 const CYCLES_AT_ONCE: usize = 200;
 
-/// Pause after a transaction: another program that waits for its turn asks again within this time.
+/// Pause after a transaction: a waiting program tries again within this time.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// From when on factors are kept at the moment `now`.
+/// The earliest time of kept factors, at the time `now`.
 #[must_use]
 pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
     const DAY_S: f64 = 86_400.0;
@@ -37,7 +37,8 @@ pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
     }
 }
 
-/// Takes away what [`Store::due_runs`] names, until a `stop` is asked for. Returns the runs that are done.
+/// Removes or joins the factors of the runs in [`Store::due_runs`], until a `stop` is requested. Returns the completed
+/// runs.
 ///
 /// # Errors
 /// Those of the store.
@@ -62,7 +63,7 @@ pub async fn prune(
     Ok(done)
 }
 
-/// Removes the factors of a run; whether there are none left.
+/// Removes the factors of a run; returns true if none is left.
 async fn remove(store: &Store, run_id: i64, stop: &CancellationToken) -> Result<bool, PipelineError> {
     while !stop.is_cancelled() {
         if store.remove_factors(run_id, CYCLES_AT_ONCE).await? == 0 {
@@ -73,7 +74,7 @@ async fn remove(store: &Store, run_id: i64, stop: &CancellationToken) -> Result<
     Ok(false)
 }
 
-/// Joins the windows of a log; whether none has a factor of its own any more.
+/// Joins the windows of a log; returns true if no window has its own factor any more.
 async fn join(store: &Store, run_id: i64, stop: &CancellationToken) -> Result<bool, PipelineError> {
     while !stop.is_cancelled() {
         let Some(windows) = store.windows_to_join(run_id, CYCLES_AT_ONCE).await? else { return Ok(true) };
@@ -87,7 +88,7 @@ async fn join(store: &Store, run_id: i64, stop: &CancellationToken) -> Result<bo
             }
         };
         if !stored {
-            // somebody else is at it, or reads the log again: it is looked at another time
+            // another program joins it, or reads the log again: it is tried again later
             return Ok(false);
         }
         tokio::time::sleep(PAUSE).await;

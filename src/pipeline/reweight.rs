@@ -1,10 +1,10 @@
-//! Stored cycles of another estimator than the configured one, identified again from their factors.
+//! Identifies stored cycles of another estimator again from their factors, with the configured one.
 //!
-//! An estimator that needs no single rows is a choice of weights on factors that are stored, so that a changed
+//! An estimator that does not need single rows is a choice of weights on stored factors. So a changed
 //! `[analysis] estimator`, or a program whose default has changed, needs no export: parameters, errors, residuals,
-//! self-verification, statistics and summaries are made again, run by run, each in a transaction. What cannot be made
-//! again keeps its figures and says so ([`Store::keep_estimates`]). Conclusions on a robot's history are drawn after
-//! all of its cycles have been through this, so that no comparison is made between two estimators.
+//! self-verification, statistics and summaries are computed again, run by run, each in a transaction. Results that
+//! cannot be computed again stay and are marked ([`Store::keep_estimates`]). Conclusions on a robot's history are drawn
+//! after all of its cycles are done, so that two estimators are never compared.
 
 use tokio_util::sync::CancellationToken;
 
@@ -21,33 +21,33 @@ use armwatch_model::analysis::{Estimator, Identification, ParameterStatistics, T
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{JointDeviation, NewEstimate, OtherEstimate, Store, StoredCycle};
 
-/// Cycles whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
+/// Cycles whose factors are in memory at once: 50 kB each for a six-joint arm, 3 MB in total.
 const CYCLES_AT_ONCE: usize = 64;
 
-/// How far identifying again has come.
+/// Progress of the repeated identification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reweighting {
-    /// Cycles that have been through it.
+    /// Cycles that are done.
     pub done: u64,
     /// Cycles of another estimator at the beginning.
     pub total: u64,
 }
 
-/// What identifying again came to.
+/// The result of the repeated identification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reweighted {
-    /// Cycles that have the configured estimator now.
+    /// Cycles that now have the configured estimator.
     pub cycles: u64,
-    /// Cycles that keep another one; `estimator_reason` in the view `cycles` says why.
+    /// Cycles that keep another one; `estimator_reason` in the view `cycles` gives the reason.
     pub kept: u64,
-    /// Whether a stop was asked for before all were through: the rest follows at the next start, and nothing may be
-    /// concluded before.
+    /// True if a stop was requested before all cycles were done: the rest follows at the next start, and no conclusions
+    /// are drawn before.
     pub interrupted: bool,
 }
 
 impl Pipeline {
-    /// Identifies all stored cycles again that have another estimator than the configured one, as far as their factors
-    /// allow. `progress` hears after some cycles how far it is.
+    /// Identifies all stored cycles with another estimator than the configured one again, if their factors allow it.
+    /// `progress` is called after some cycles.
     ///
     /// # Errors
     /// Those of the store.
@@ -59,7 +59,7 @@ impl Pipeline {
         self.reweight_of(None, stop, progress).await
     }
 
-    /// The same for one robot, without progress or stop; whether anything has changed.
+    /// The same for one robot, without progress or stop; returns true if anything has changed.
     pub(super) async fn reweight_robot(&self, robot_id: i64) -> Result<bool, PipelineError> {
         let never = CancellationToken::new();
         let done = self.reweight_of(Some(robot_id), &never, &mut |_| ()).await?;
@@ -93,8 +93,8 @@ impl Pipeline {
     }
 }
 
-/// Identifies the cycles of a run again; how many have the estimator now and how many keep theirs. `None`, and nothing
-/// is stored of the run, if a stop was asked for.
+/// Identifies the cycles of a run again. Returns how many have the configured estimator now, and how many keep theirs.
+/// Returns `None`, and stores nothing of the run, if a stop was requested.
 async fn of_run(
     store: &Store,
     run: &OtherEstimate,
@@ -160,7 +160,7 @@ fn of_factors(
     Ok((found, verification))
 }
 
-/// What a run says as a whole that follows from the parameters of its cycles.
+/// Overall results of a run that follow from the parameters of its cycles.
 fn run_figures(measurements: &RunMeasurements) -> (Vec<ParameterStatistics>, Vec<JointDeviation>) {
     let by_parameter = measurements.by_parameter();
     let statistics = by_parameter.iter().flat_map(|(id, values)| parameter_statistics(*id, values));

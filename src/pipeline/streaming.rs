@@ -14,15 +14,15 @@ use crate::metrics::{Metrics, WorkStage};
 use armwatch_method::buffers::Buffers;
 use armwatch_method::spare_threads::SpareThreads;
 
-/// Cycles between the reading thread and analysis, which reads no further before the last one is taken. One is enough to
-/// keep both busy; each takes 12 MB at 250 Hz and five minutes.
+/// Cycles between the reading thread and analysis; reading pauses until the last one is taken. One is enough to keep
+/// both busy; each takes 12 MB at 250 Hz and five minutes.
 const CYCLES_READ_AHEAD: usize = 1;
 
-/// Most cycles of one export under analysis at once. Reading a cycle takes a third of the time of analysing it, so that more
-/// would wait for rows; each takes 30 MB at 250 Hz and five minutes.
+/// Most cycles of one export under analysis at once. Reading a cycle takes a third of the time of its analysis, so that
+/// more would wait for rows; each takes 30 MB at 250 Hz and five minutes.
 const MOST_IN_ANALYSIS: usize = 4;
 
-/// Threads for analyses in each lane, whatever the number of exports: as many as the program may use processors.
+/// Threads for analyses in each lane, for any number of exports: the number of processors available to the program.
 pub(super) fn analysis_threads() -> usize {
     available_parallelism().map_or(1, usize::from)
 }
@@ -32,7 +32,7 @@ pub(super) fn cycles_in_analysis() -> usize {
     analysis_threads().clamp(2, MOST_IN_ANALYSIS)
 }
 
-/// Threads of `places` that no analysis has taken.
+/// Threads of `places` that no analysis uses.
 pub(super) fn spare_threads(places: &Arc<Semaphore>) -> SpareThreads {
     let places = Arc::clone(places);
     SpareThreads::lent_by(move |most, work| {
@@ -43,7 +43,7 @@ pub(super) fn spare_threads(places: &Arc<Semaphore>) -> SpareThreads {
                     work();
                     drop(loan);
                 };
-                // without a thread more, this one does all parts
+                // if no more threads can be started, this one does all parts
                 let _ = thread::Builder::new().name("analysis".into()).spawn_scoped(scope, lent);
             }
             work();
@@ -51,7 +51,7 @@ pub(super) fn spare_threads(places: &Arc<Semaphore>) -> SpareThreads {
     })
 }
 
-/// An export that is being read and analysed. Whoever drops it ends both.
+/// An export that is being read and analysed. Dropping it ends both.
 #[derive(Debug)]
 pub(super) struct Streaming<E> {
     /// Analyses in the order of the cycles.
@@ -59,7 +59,7 @@ pub(super) struct Streaming<E> {
     tasks: Tasks<E>,
 }
 
-/// What reads and analyses.
+/// The tasks that read and analyse.
 #[derive(Debug)]
 pub(super) struct Tasks<E> {
     reader: JoinHandle<E>,
@@ -67,8 +67,8 @@ pub(super) struct Tasks<E> {
 }
 
 impl<E: Send + 'static> Streaming<E> {
-    /// Begins; `read` runs on a blocking thread. Channels of cycles go back into `buffers`, and from there, if it likes, to
-    /// `read`.
+    /// Starts both tasks; `read` runs on a blocking thread. The memory of cycles' channels returns to `buffers`, and
+    /// from there optionally to `read`.
     pub(super) fn start(
         work: CycleWork,
         places: Arc<Semaphore>,
@@ -77,21 +77,21 @@ impl<E: Send + 'static> Streaming<E> {
         read: impl FnOnce(mpsc::Sender<CutCycle>) -> E + Send + 'static,
     ) -> Self {
         let (to_analysis, cycles) = mpsc::channel::<CutCycle>(CYCLES_READ_AHEAD);
-        // the task being awaited and those in the channel are the cycles in analysis
+        // the awaited task and those in the channel are the cycles in analysis
         let (to_record, analyses) = mpsc::channel::<InAnalysis>(cycles_in_analysis() - 1);
         let reader = tokio::task::spawn_blocking(move || read(to_analysis));
         let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record, (metrics, buffers)));
         Self { analyses, tasks: Tasks { reader, analyser } }
     }
 
-    /// The analyses, and what makes them.
+    /// The analyses, and the tasks that make them.
     pub(super) fn into_parts(self) -> (mpsc::Receiver<InAnalysis>, Tasks<E>) {
         (self.analyses, self.tasks)
     }
 }
 
 impl<E> Tasks<E> {
-    /// How reading ended. Whoever took the analyses has taken all of them or dropped the rest, so that both tasks end.
+    /// How reading ended. The receiver must have taken all analyses or dropped the rest, so that both tasks end.
     ///
     /// # Errors
     /// A panic of either.
@@ -101,7 +101,7 @@ impl<E> Tasks<E> {
     }
 }
 
-/// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
+/// Starts analyses as cycles arrive and sends their handles in the order of the cycles.
 async fn analyse_in_order(
     work: CycleWork,
     places: Arc<Semaphore>,
@@ -111,7 +111,7 @@ async fn analyse_in_order(
 ) {
     let mut bytes = 0;
     let spare = spare_threads(&places);
-    // a cycle is not taken over before it is its turn: those that wait fill the memory
+    // a cycle is not taken before its turn: waiting cycles fill the memory
     while let Ok(turn) = to_record.reserve().await {
         let Some(CutCycle { cycle, read, took, written, mut held }) = cycles.recv().await else { return };
         metrics.stage(WorkStage::Read, took);

@@ -1,4 +1,4 @@
-//! The tests before and since an anomaly: friction against the baseline, and RMSD.
+//! The tests before and since an anomaly: friction index and RMSD.
 
 use super::figure::{
     Area, Band, ESTIMATED, Figure, FigureLevel, Key, Limit, Look, Mark, Panel, Series, XAxis,
@@ -6,27 +6,27 @@ use super::figure::{
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_model::robot::JointIndex;
 
-/// Tint of the time in which the anomaly was seen.
+/// Tint of the period with the anomaly.
 const SEEN: usize = 2;
 
-/// What one test says of one joint.
+/// Values of one joint in one test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EvidencePoint {
-    /// Start of the test, as [`day`](super::figure::day) has it.
+    /// Start of the test as a [`day`](super::figure::day).
     pub day: f64,
     /// The joint.
     pub joint: JointIndex,
-    /// Friction against the baseline, 1 = unchanged.
+    /// Friction index, 1 = unchanged.
     pub friction_index: Option<f64>,
     /// Its standard error.
     pub friction_index_std_error: Option<f64>,
-    /// Warm friction, Nm, which is drawn where no test has an index.
+    /// Friction of the warm joint, Nm, which is drawn if no test has an index.
     pub warm_friction_nm: Option<f64>,
     /// Moving relative RMSD of the excitation stage, a fraction.
     pub relative_rmsd: Option<f64>,
 }
 
-/// Draws the tests in two panels, a colour a joint where there are several; `seen` are the days from onset to the
+/// Draws the tests in two panels, one colour per joint if there are several; `seen` are the days from onset to the
 /// latest test that showed the anomaly.
 #[must_use]
 pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, subtitle: String) -> Figure {
@@ -36,7 +36,7 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
     let colour = |joint: JointIndex| if joints.len() == 1 { ESTIMATED } else { joint.index() };
     let along = |joint: JointIndex, of: &dyn Fn(&EvidencePoint) -> Option<f64>| -> Vec<[f64; 2]> {
         let of_joint = tests.iter().filter(|test| test.joint == joint);
-        // a test without the figure is a break in the line
+        // a test without the value breaks the line
         of_joint.map(|test| [test.day, of(test).unwrap_or(f64::NAN)]).collect()
     };
     let half = normal_quantile(0.975);
@@ -120,7 +120,7 @@ mod tests {
         let several = [test(0.0, 0, None), test(0.0, 1, None)];
         let figure = anomaly_figure(&several, [0.0, 0.0], String::new(), String::new());
         assert_eq!(figure.panels[0].series.len(), 2);
-        // without any index, friction is drawn as measured
+        // without any index, measured friction is drawn
         assert_eq!(figure.panels[0].series[0].points, [[0.0, 20.0]]);
         assert!(figure.svg().contains("joint 2"));
     }

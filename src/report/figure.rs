@@ -1,56 +1,56 @@
-//! What a picture is made of: panels with axes, shaded stretches, lines and points, and one legend.
+//! Data of a picture: panels with axes, bands, lines and points, and one legend.
 
 use jiff::Timestamp;
 
 /// A picture of one or more panels.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figure {
-    /// What it shows.
+    /// Title of the picture.
     pub title: String,
     /// A line below the title: which data, which parameters.
     pub subtitle: String,
-    /// What the colours and marks of all panels mean.
+    /// Entries that explain the colours and marks of all panels.
     pub legend: Vec<Key>,
     /// Panels, row by row.
     pub panels: Vec<Panel>,
-    /// Panels beside each other, at least 1.
+    /// Panels per row, at least 1.
     pub columns: usize,
 }
 
 /// One pair of axes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Panel {
-    /// What it shows.
+    /// Title of the panel.
     pub title: String,
-    /// Where its subject stands, beside the title.
+    /// Status of its subject, shown next to the title.
     pub standing: Option<StatusWord>,
     /// Quantity and unit of the horizontal axis.
     pub x_label: String,
-    /// What its values are.
+    /// Kind of the horizontal values.
     pub x_axis: XAxis,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// How its values are spaced.
+    /// Spacing of its values.
     pub y_axis: YAxis,
-    /// Ends of the vertical axis, where panels share one; else those of the data.
+    /// Ends of the vertical axis, if panels share one; otherwise those of the data.
     pub y_range: Option<[f64; 2]>,
-    /// Whether a linear vertical axis shows zero whatever the data.
+    /// True if a linear vertical axis always shows zero.
     pub with_zero: bool,
-    /// Values of the vertical axis that are marked by a line, where the axis comes so far.
+    /// Values of the vertical axis that are marked by a line, if the axis includes them.
     pub limits: Vec<Limit>,
-    /// Shaded stretches of the horizontal axis.
+    /// Bands of the horizontal axis.
     pub bands: Vec<Band>,
-    /// Shaded stretches of the vertical axis along the horizontal one, below all lines.
+    /// Shaded areas between two curves, below all lines.
     pub areas: Vec<Area>,
     /// Lines and points, later ones on top.
     pub series: Vec<Series>,
-    /// What happened at a value of the horizontal axis.
+    /// Events at values of the horizontal axis.
     pub events: Vec<FigureEvent>,
     /// A second, lower pair of axes on the same horizontal axis.
     pub strip: Option<Strip>,
 }
 
-/// A low pair of axes below a panel, with a vertical axis of its own that shows zero.
+/// A low pair of axes below a panel, with a separate vertical axis that shows zero.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Strip {
     /// Quantity and unit of the vertical axis.
@@ -59,7 +59,7 @@ pub struct Strip {
     pub series: Vec<Series>,
 }
 
-/// What a horizontal axis shows.
+/// Kind of values of a horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum XAxis {
     /// Numbers.
@@ -71,13 +71,13 @@ pub enum XAxis {
     Date,
 }
 
-/// How the values of a vertical axis are spaced.
+/// Spacing of the values of a vertical axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum YAxis {
     /// Evenly.
     #[default]
     Linear,
-    /// By their logarithm; values that are not positive are not drawn.
+    /// Logarithmic; values that are not positive are not drawn.
     Logarithmic,
 }
 
@@ -86,18 +86,18 @@ pub enum YAxis {
 pub struct Limit {
     /// The value.
     pub value: f64,
-    /// What it means.
+    /// Level that begins there.
     pub level: FigureLevel,
 }
 
-/// How things stand, or what a limit is a limit of.
+/// Status of a subject, or the level of a limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FigureLevel {
-    /// Nothing to see; as a limit: what is usual.
+    /// Nothing unusual; as a limit: the usual value.
     Usual,
-    /// Plan a look.
+    /// An inspection should be planned.
     Warning,
-    /// Look before the next shift.
+    /// An inspection is needed before the next shift.
     Critical,
     /// Not known.
     Unknown,
@@ -115,7 +115,7 @@ impl FigureLevel {
     }
 }
 
-/// A word on how the subject of a panel stands.
+/// The status of a panel's subject in a word.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StatusWord {
     /// The word.
@@ -124,60 +124,60 @@ pub struct StatusWord {
     pub level: FigureLevel,
 }
 
-/// Something that happened at a value of the horizontal axis.
+/// An event at a value of the horizontal axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FigureEvent {
-    /// When, in values of the axis.
+    /// Its horizontal value.
     pub at: f64,
-    /// What it was.
+    /// Kind of the event.
     pub kind: FigureEventKind,
-    /// What is shown of it to a reader who points at it.
+    /// Text that is shown when the reader points at it.
     pub label: String,
 }
 
-/// What kind of thing happened.
+/// Kind of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FigureEventKind {
     /// An alarm began.
     Alarm,
-    /// Somebody worked on the arm.
+    /// The arm was repaired.
     Repair,
 }
 
-/// A stretch between two values along the horizontal axis, such as an interval.
+/// An area between two curves along the horizontal axis, such as an interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Area {
-    /// Which of the colours.
+    /// Index of the colour.
     pub colour: usize,
     /// Horizontal value, lower and upper end; broken at a point that is not finite.
     pub points: Vec<[f64; 3]>,
 }
 
-/// A shaded stretch.
+/// A shaded range of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Band {
-    /// Where it begins on the horizontal axis.
+    /// Start on the horizontal axis.
     pub from: f64,
-    /// Where it ends.
+    /// End on the horizontal axis.
     pub to: f64,
-    /// Which of the [`TINTS`].
+    /// Index into [`TINTS`].
     pub tint: usize,
 }
 
-/// Data of one kind in a panel.
+/// One set of data in a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// What it is, shown to a reader who points at it.
+    /// Name, shown when the reader points at it.
     pub name: String,
-    /// Which of the [`COLOURS`], or one of [`ramp`].
+    /// Index into [`COLOURS`], or a result of [`ramp`].
     pub colour: usize,
-    /// How it is drawn.
+    /// Line style or marker.
     pub mark: Mark,
     /// Horizontal and vertical value; a line breaks at a point that is not finite, which is not drawn.
     pub points: Vec<[f64; 2]>,
 }
 
-/// How a series is drawn.
+/// Line style or marker of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     /// A line through the points.
@@ -186,9 +186,9 @@ pub enum Mark {
     Dashed,
     /// A thin line through the points.
     Thin,
-    /// A pale thin line, for what should stay in the background.
+    /// A pale thin line, for the background.
     Pale,
-    /// A broad pale line, on which a thin one can be followed.
+    /// A broad pale line; a thin line on top of it remains visible.
     Broad,
     /// A small dot at each point.
     Dots,
@@ -201,29 +201,29 @@ pub enum Mark {
 /// An entry of the legend.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Key {
-    /// What it means.
+    /// Its text.
     pub label: String,
-    /// What it looks like.
+    /// Its symbol.
     pub look: Look,
 }
 
-/// What an entry of the legend looks like.
+/// Symbol of an entry of the legend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
-    /// As a series of this colour and mark.
+    /// A series of this colour and mark.
     Series(usize, Mark),
-    /// As a band of this tint.
+    /// A band of this tint.
     Band(usize),
-    /// As an area of this colour.
+    /// An area of this colour.
     Area(usize),
-    /// As a limit of this level.
+    /// A limit of this level.
     Limit(FigureLevel),
-    /// As an event of this kind.
+    /// An event of this kind.
     Event(FigureEventKind),
 }
 
-/// Colours of series as light and dark pages have them, from the palette of Okabe and Ito (2008), which
-/// people with colour-blindness tell apart; index them modulo their number.
+/// Colours of series for light and dark pages, from the palette of Okabe and Ito (2008), which people with
+/// colour-blindness can distinguish; index them modulo their number.
 pub const COLOURS: [(&str, &str); 7] = [
     ("#30343b", "#d5d9e0"),
     ("#d55e00", "#ff8a3d"),
@@ -234,8 +234,8 @@ pub const COLOURS: [(&str, &str); 7] = [
     ("#7a5c3e", "#c9a27a"),
 ];
 
-/// Colours of ordered things, the first to the last, as light and dark pages have them. Their lightness rises or falls
-/// along the order, so that it is seen without colours too.
+/// Colours of ordered items, from the first to the last, for light and dark pages. Their lightness increases or
+/// decreases along the order, so that it is visible without colours too.
 pub const RAMP: [(&str, &str); 9] = [
     ("#1b0c8f", "#5a6cff"),
     ("#4b03a1", "#7f66ff"),
@@ -248,31 +248,31 @@ pub const RAMP: [(&str, &str); 9] = [
     ("#c98a00", "#ffd25c"),
 ];
 
-/// Colour of the thing at `place` of `count` ordered ones, from 0.
+/// Colour of the item at index `place` of `count` ordered ones.
 #[must_use]
 pub fn ramp(place: usize, count: usize) -> usize {
     let last = RAMP.len() - 1;
     COLOURS.len() + if count > 1 { (place * last / (count - 1)).min(last) } else { last / 2 }
 }
 
-/// Tints of bands as light and dark pages have them.
+/// Tints of bands for light and dark pages.
 pub const TINTS: [(&str, &str); 4] =
     [("#f3f4f6", "#1c2026"), ("#e6effa", "#172437"), ("#fdf0dc", "#292114"), ("#e7f4e8", "#16281a")];
 
-/// Colour of what was measured.
+/// Colour of measured values.
 pub const MEASURED: usize = 0;
-/// Colour of what a model gives.
+/// Colour of values from a model.
 pub const ESTIMATED: usize = 1;
-/// Colour of the difference.
+/// Colour of their difference.
 pub const RESIDUAL: usize = 2;
 
-/// A time as a value of an axis of dates: days since the start of 1970.
+/// A time as a value of a date axis: days since the start of 1970.
 #[must_use]
 pub fn day(time: Timestamp) -> f64 {
     time.as_second() as f64 / 86_400.0
 }
 
-/// Smallest and largest finite value; `None` without any.
+/// Smallest and largest finite value; `None` if there is none.
 #[must_use]
 pub fn extent(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     values.into_iter().filter(|value| value.is_finite()).fold(None, |found, value| match found {

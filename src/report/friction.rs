@@ -1,4 +1,4 @@
-//! Friction over time with the fitted curves [5.4], and over speed from cold to warm: a panel a joint.
+//! Friction over time with the fitted curves [5.4], and over speed from cold to warm: one panel per joint.
 
 use std::collections::BTreeSet;
 
@@ -8,8 +8,7 @@ use armwatch_method::friction::warm_up::warm_up_torque;
 use armwatch_model::analysis::{FrictionPoint, WarmUpFit};
 use armwatch_model::robot::JointIndex;
 
-/// Most points that are drawn of a joint, speed level and direction. More cannot be told apart; they are thinned
-/// evenly.
+/// Most points drawn per joint, speed level and direction. More cannot be distinguished; they are thinned evenly.
 const MAX_POINTS: usize = 1000;
 
 /// Points along a fitted curve.
@@ -45,14 +44,14 @@ pub fn friction_figure(
 /// Friction points of one cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CyclePoints {
-    /// What the cycle is called, such as `cycle 3`.
+    /// Label of the cycle, such as `cycle 3`.
     pub label: String,
     /// Its points.
     pub points: Vec<FrictionPoint>,
 }
 
-/// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the
-/// last and others evenly between them, as many as there are colours. The subtitle says which are left out.
+/// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the last and
+/// others evenly between them, as many as there are colours. The subtitle lists the omitted ones.
 #[must_use]
 pub fn friction_speed_figure(cycles: &[CyclePoints], title: String, subtitle: String) -> Figure {
     let shown = evenly(cycles, RAMP.len());
@@ -80,7 +79,7 @@ pub fn friction_speed_figure(cycles: &[CyclePoints], title: String, subtitle: St
 /// Friction points of one run at one speed level, with the curves fitted to them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunCurves {
-    /// What the run is called, such as `run 3, 2026-01-05`.
+    /// Label of the run, such as `run 3, 2026-01-05`.
     pub label: String,
     /// Its points.
     pub points: Vec<FrictionPoint>,
@@ -88,9 +87,10 @@ pub struct RunCurves {
     pub fits: Vec<WarmUpFit>,
 }
 
-/// Draws friction over time of several runs in one picture, each with its own curve, as thesis figure 5.23 does
-/// with the four tests of a robot: a panel a joint, a colour a run. Of more runs than there are colours the first,
-/// the last and others evenly between them; the subtitle says which are left out. Points are means of both directions.
+/// Draws friction over time of several runs in one picture, each with its own curve, like thesis figure 5.23 with the
+/// four tests of a robot: one panel per joint, one colour per run. If there are more runs than colours, the first, the
+/// last and others evenly between them are drawn; the subtitle lists the omitted ones. Points are means of both
+/// directions.
 #[must_use]
 pub fn run_comparison_figure(runs: &[RunCurves], title: String, subtitle: String) -> Figure {
     let shown = evenly(runs, RAMP.len());
@@ -132,7 +132,7 @@ fn of_run(run: &RunCurves, joint: JointIndex, level: f64, colour: usize) -> Vec<
     series
 }
 
-/// At most `most` of `all`, the first and the last among them.
+/// At most `most` of `all`, including the first and the last.
 fn evenly<T>(all: &[T], most: usize) -> Vec<&T> {
     if all.len() <= most {
         return all.iter().collect();
@@ -140,7 +140,7 @@ fn evenly<T>(all: &[T], most: usize) -> Vec<&T> {
     (0..most).map(|i| &all[i * (all.len() - 1) / (most - 1)]).collect()
 }
 
-/// Words on those that are not among the shown, nothing where all are.
+/// Lists the items that are not shown; empty if all are.
 fn left_out<'a, T>(all: &'a [T], shown: &[&T], label: impl Fn(&'a T) -> &'a str) -> String {
     let is_shown = |one: &&T| shown.iter().any(|of| std::ptr::eq(*of, *one));
     let names: Vec<&str> = all.iter().filter(|one| !is_shown(one)).map(label).collect();
@@ -153,7 +153,7 @@ fn left_out<'a, T>(all: &'a [T], shown: &[&T], label: impl Fn(&'a T) -> &'a str)
     }
 }
 
-/// Most that are named one by one where they are left out.
+/// Most omitted items that are listed individually.
 const MAX_NAMED: usize = 8;
 
 /// Mean speed and mean magnitude of friction at each level of a joint.
@@ -213,7 +213,7 @@ fn panel(points: &[FrictionPoint], fits: &[WarmUpFit], joint: JointIndex, levels
     }
 }
 
-/// The fitted curve over the time of its points: not beyond, where it would be an extrapolation.
+/// The fitted curve over the time of its points only, since it would extrapolate beyond them.
 fn curve(fit: &WarmUpFit, points: &[&FrictionPoint], name: &str, colour: usize) -> Option<Series> {
     let (first, last) = extent(points.iter().map(|point| point.time / 60.0))?;
     let at = |i: usize| first + (last - first) * i as f64 / (CURVE_POINTS - 1) as f64;

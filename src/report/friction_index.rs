@@ -1,5 +1,5 @@
-//! The friction index over the runs of a robot, with its interval, its limits and friction as measured: a panel a
-//! joint, all with the same scale.
+//! The friction index over the runs of a robot, with its interval, its limits and the raw index: one panel per joint,
+//! all with the same scale.
 
 use super::figure::{
     Area, Band, ESTIMATED, Figure, FigureEvent, FigureEventKind, FigureLevel, Key, Limit, Look, MEASURED,
@@ -7,53 +7,53 @@ use super::figure::{
 };
 use super::rmsd::event_keys;
 
-/// Tint of the time in which an alarm was seen.
+/// Tint of the period with an alarm.
 const SEEN: usize = 2;
 
-/// Friction of one run against the baseline.
+/// Friction of one run relative to the baseline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IndexPoint {
-    /// Start of the run, as [`day`](super::figure::day) has it.
+    /// Start of the run as a [`day`](super::figure::day).
     pub day: f64,
     /// The index, 1 = unchanged.
     pub index: f64,
     /// Ends of its interval.
     pub interval: [f64; 2],
-    /// Friction as measured against the baseline, where known.
+    /// The raw index, if known.
     pub raw: Option<f64>,
 }
 
-/// What is known of one joint.
+/// Data of one joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndexPanel {
     /// Its name.
     pub title: String,
-    /// Where it stands.
+    /// Its status.
     pub standing: Option<StatusWord>,
     /// Its runs, oldest first.
     pub runs: Vec<IndexPoint>,
-    /// What happened to it.
+    /// Its events.
     pub events: Vec<FigureEvent>,
     /// Days between which an alarm was seen.
     pub alarms: Vec<[f64; 2]>,
 }
 
-/// Change of friction from which a joint is looked at, as fractions.
+/// Change of friction that needs attention, as fractions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IndexLimits {
-    /// Plan a look.
+    /// An inspection should be planned.
     pub warning: f64,
-    /// Look before the next shift.
+    /// An inspection is needed before the next shift.
     pub critical: f64,
 }
 
-/// Draws a panel a joint.
+/// Draws one panel per joint.
 #[must_use]
 pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, subtitle: String) -> Figure {
     let runs = || joints.iter().flat_map(|joint| &joint.runs);
     let values =
         runs().flat_map(|run| [run.index, run.interval[0], run.interval[1], run.raw.unwrap_or(run.index)]);
-    // both limits are seen also where nothing comes near
+    // both limits are visible even if no value is near them
     let marked = [1.0 - limits.warning, 1.0 + limits.critical];
     let range = extent(values.chain(marked)).map(|(low, high)| [low, high]);
     let panels = joints.iter().map(|joint| panel(joint, limits, range)).collect();
@@ -81,7 +81,7 @@ pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, s
 }
 
 fn panel(joint: &IndexPanel, limits: IndexLimits, y_range: Option<[f64; 2]>) -> Panel {
-    // an index before work on the arm is of another baseline than one after it
+    // an index before a repair has another baseline than one after it
     let repairs: Vec<f64> =
         joint.events.iter().filter(|of| of.kind == FigureEventKind::Repair).map(|of| of.at).collect();
     let stretches =

@@ -1,6 +1,6 @@
-//! Pictures and pages of what was measured and computed: data to self-contained SVG or HTML, without files.
+//! Pictures and pages of measurements and results: self-contained SVG or HTML, without files.
 //!
-//! [`figure`] says what a picture is made of and `svg` draws it; the others each make the figure of one
+//! [`figure`] defines the data of a picture and `svg` draws it; the other modules each make the figure for one
 //! question.
 
 pub mod anomaly;

@@ -1,4 +1,4 @@
-//! Pages of words, tables and figures as HTML that needs no other file and no script.
+//! Pages of text, tables and figures as HTML that needs no other file and no script.
 
 use std::fmt::Write;
 
@@ -10,11 +10,11 @@ use armwatch_model::text::xml;
 /// A page.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Page {
-    /// What it is about.
+    /// Title of the page.
     pub title: String,
     /// A line below the title.
     pub subtitle: String,
-    /// Parts, in order; printed, the first has the first sheet for itself.
+    /// Parts, in order; in print, the first part has a separate sheet.
     pub sections: Vec<PageSection>,
     /// Its language.
     pub language: Language,
@@ -23,13 +23,13 @@ pub struct Page {
 /// A part of a page.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PageSection {
-    /// What it is about.
+    /// Heading of the part.
     pub heading: String,
-    /// What stands in it.
+    /// Its contents.
     pub blocks: Vec<PageBlock>,
 }
 
-/// Something that stands in a part of a page.
+/// An element of a part.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PageBlock {
     /// A paragraph.
@@ -38,49 +38,49 @@ pub enum PageBlock {
     Note(String),
     /// Facts, each with its name.
     Facts(Vec<(String, String)>),
-    /// What one should see first, each with a colour.
+    /// The most important findings, each with a colour.
     Findings(Vec<PageFinding>),
-    /// Rows of figures or words.
+    /// Rows of numbers or words.
     Table(PageTable),
     /// A picture.
     Figure(Box<Figure>),
 }
 
-/// Something that one should see first.
+/// An important finding.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PageFinding {
-    /// Where it stands.
+    /// Its status.
     pub standing: StatusWord,
-    /// What it is about.
+    /// Its title.
     pub title: String,
-    /// What is said of it, a paragraph each.
+    /// Its text, one string per paragraph.
     pub words: Vec<String>,
 }
 
 /// A table of a page.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PageTable {
-    /// What it shows.
+    /// Caption of the table.
     pub caption: String,
-    /// What its columns are, with units.
+    /// Names of its columns, with units.
     pub header: Vec<String>,
-    /// Rows, with a cell for each column.
+    /// Rows, with one cell per column.
     pub rows: Vec<Vec<TableCell>>,
 }
 
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum TableCell {
-    /// Words, from the left.
+    /// Text, aligned left.
     Words(String),
-    /// A figure, from the right.
+    /// A number, aligned right.
     Number(String),
-    /// How something stands.
+    /// A status.
     Standing(StatusWord),
 }
 
 impl Page {
-    /// The page as HTML, which is well-formed XML too. It follows the reader's light or dark setting and prints on A4.
+    /// The page as HTML, which is also well-formed XML. It follows the reader's light or dark setting and prints on A4.
     #[must_use]
     pub fn html(&self) -> String {
         let mut body = format!("<header>\n<h1>{}</h1>\n", xml(&self.title));
@@ -99,7 +99,7 @@ impl Page {
 }
 
 impl Figure {
-    /// The picture on an HTML page that needs no other file. On narrow screens its panels stand below each other.
+    /// The picture as an HTML page that needs no other file. On narrow screens its panels are below each other.
     #[must_use]
     pub fn html(&self) -> String {
         let mut body = format!("<header>\n<h1>{}</h1>\n</header>\n<main>\n", xml(&self.title));
@@ -219,7 +219,7 @@ impl StatusWord {
     }
 }
 
-/// Looks of a page on light and dark screens and on paper.
+/// Style of a page for light and dark screens and for print.
 const PAGE_STYLE: &str = "\
 :root { color-scheme: light dark; --page: #ffffff; --text: #22262c; --soft: #5c6470; --line: #d9dde3; --head: #f3f5f8;
   --usual: #1d7a4c; --warning: #9a5b00; --critical: #b3121b; --unknown: #5c6470 }

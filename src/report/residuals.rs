@@ -1,18 +1,18 @@
-//! Torque that identification leaves unexplained, over the cycles of a run: a panel a joint.
+//! Torque that identification leaves unexplained, over the cycles of a run: one panel per joint.
 
 use std::collections::BTreeSet;
 
 use super::figure::{Figure, Key, Look, Mark, Panel, RESIDUAL, Series, XAxis};
 use armwatch_model::robot::JointIndex;
 
-/// What identification leaves of a joint in a cycle.
+/// Residual of a joint in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleResidual {
     /// Number of the cycle, from 1.
     pub cycle: u32,
     /// The joint.
     pub joint: JointIndex,
-    /// Root of the mean squared residual, Nm (N); not a number where it is not known.
+    /// Root of the mean squared residual, Nm (N); NaN if unknown.
     pub residual_nm: f64,
 }
 

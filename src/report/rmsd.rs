@@ -1,4 +1,4 @@
-//! RMSD of a run by cycle: a panel a joint.
+//! RMSD of a run by cycle: one panel per joint.
 
 use std::collections::BTreeSet;
 
@@ -10,16 +10,16 @@ use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd, WarmingContrast};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Stage;
 
-/// Relative RMSD from which a joint is looked at, as fractions.
+/// Relative RMSD that needs attention, as fractions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RmsdLimits {
-    /// Plan a look.
+    /// An inspection should be planned.
     pub warning: f64,
-    /// Look before the next shift.
+    /// An inspection is needed before the next shift.
     pub critical: f64,
 }
 
-/// What the RMSD of a run is shown for, with colours and marks.
+/// The scopes of the drawn RMSD, with labels and colours.
 const LINES: [(&str, RmsdScope, usize); 4] = [
     ("excitation", RmsdScope::Stage(Stage::Excitation), 0),
     ("friction", RmsdScope::Stage(Stage::Friction), 3),
@@ -29,21 +29,21 @@ const LINES: [(&str, RmsdScope, usize); 4] = [
 const START: usize = 4;
 const END: usize = 5;
 
-/// What is known of one cycle of a run.
+/// Data of one cycle of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleVerification {
     /// Number of the cycle, from 1.
     pub cycle: u32,
     /// RMSD by joint and stage; empty without parameters.
     pub rmsd: Vec<TorqueRmsd>,
-    /// Start against end of the warming stage, by joint.
+    /// Comparison of the start and end of the warming stage, by joint.
     pub contrast: Vec<WarmingContrast>,
-    /// Why there are no parameters, where there are none.
+    /// Why there are no parameters, if so.
     pub reason: Option<String>,
 }
 
-/// Draws the relative RMSD of the moving rows over the cycles, in per cent, by its logarithm: a cold first cycle may
-/// have ten times that of the others. All joints have the same scale.
+/// Draws the relative RMSD of the moving rows over the cycles, in per cent, on a logarithmic axis: a cold first cycle
+/// may have ten times the RMSD of the others. All joints have the same scale.
 #[must_use]
 pub fn rmsd_figure(
     cycles: &[CycleVerification],
@@ -91,7 +91,7 @@ fn panel(cycles: &[CycleVerification], joint: JointIndex, limits: RmsdLimits) ->
     let line = |name: &str, colour, mark, value: &dyn Fn(&CycleVerification) -> Option<Rmsd>| {
         let point = |of: &CycleVerification| {
             let known = value(of).filter(|rmsd| rmsd.samples > 0);
-            // a cycle without figures is a break in the line
+            // a cycle without values breaks the line
             [f64::from(of.cycle), known.map_or(f64::NAN, |rmsd| 100.0 * rmsd.relative)]
         };
         Series { name: name.into(), colour, mark, points: cycles.iter().map(point).collect() }
@@ -123,7 +123,7 @@ fn panel(cycles: &[CycleVerification], joint: JointIndex, limits: RmsdLimits) ->
     }
 }
 
-/// How many cycles are beyond the first limit in the excitation stage, which limits and detectors look at.
+/// Number of cycles beyond the first limit in the excitation stage, which the limits and detectors refer to.
 fn marked(cycles: &[CycleVerification], joint: JointIndex, limits: RmsdLimits) -> String {
     let excitation = RmsdScope::Stage(Stage::Excitation);
     let beyond = |of: &&CycleVerification| {
@@ -140,18 +140,19 @@ fn marked(cycles: &[CycleVerification], joint: JointIndex, limits: RmsdLimits) -
     }
 }
 
-/// The RMSD of a run's excitation stages, their median.
+/// The median RMSD of a run's excitation stages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RunRmsd {
-    /// Start of the run, as [`day`](super::figure::day) has it.
+    /// Start of the run as a [`day`](super::figure::day).
     pub day: f64,
     /// The joint.
     pub joint: JointIndex,
-    /// Moving relative RMSD, a fraction; not a number where the run has none.
+    /// Moving relative RMSD, a fraction; NaN if the run has none.
     pub relative: f64,
 }
 
-/// Draws the relative RMSD of the excitation stages over the runs of a robot: a panel a joint, all with the same scale.
+/// Draws the relative RMSD of the excitation stages over the runs of a robot: one panel per joint, all with the same
+/// scale.
 #[must_use]
 pub fn run_rmsd_figure(
     runs: &[RunRmsd],
@@ -193,7 +194,7 @@ pub(super) fn events_of(events: &[(Option<JointIndex>, FigureEvent)], joint: Joi
     of_joint.map(|(_, event)| event.clone()).collect()
 }
 
-/// Entries of the legend for the kinds of events that there are.
+/// Entries of the legend for the kinds of events that occur.
 pub(super) fn event_keys(events: &[(Option<JointIndex>, FigureEvent)]) -> Vec<Key> {
     let kinds = [(FigureEventKind::Alarm, "an alarm began"), (FigureEventKind::Repair, "maintenance")];
     kinds

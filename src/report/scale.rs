@@ -1,9 +1,9 @@
-//! From values to places on a page, and where the ticks of an axis stand.
+//! Maps values to positions on a page, and chooses the ticks of an axis.
 
 use jiff::civil::Date;
 use jiff::{Timestamp, Unit};
 
-/// An axis: values `from..to` on places `start..end`, spaced evenly or by their logarithm.
+/// An axis: values `from..to` at positions `start..end`, spaced evenly or by their logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scale {
     pub(super) from: f64,
@@ -13,7 +13,7 @@ pub(super) struct Scale {
     logarithmic: bool,
 }
 
-/// A tick: its value and what stands beside it.
+/// A tick: its value and its label.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tick {
     pub(super) value: f64,
@@ -21,13 +21,13 @@ pub(super) struct Tick {
 }
 
 impl Scale {
-    /// An axis over `extent`, widened by `margin` of its length at either end; an axis of one value or of
-    /// none is made wide enough to draw.
+    /// An axis over `extent`, widened by `margin` of its length at either end; an axis with one value or none is made
+    /// wide enough to draw.
     pub(super) fn over(extent: Option<(f64, f64)>, margin: f64, start: f64, end: f64) -> Self {
         let (low, high) = extent.unwrap_or((0.0, 1.0));
         let (low, high) = (low.max(-LARGEST), high.min(LARGEST));
         let length = high - low;
-        // a constant has a place in the middle of its axis
+        // a constant is in the middle of its axis
         let widened = if length > f64::EPSILON * high.abs().max(low.abs()) {
             margin * length
         } else {
@@ -36,24 +36,24 @@ impl Scale {
         Self { from: low - widened, to: high + widened, start, end, logarithmic: false }
     }
 
-    /// An axis by logarithm over an extent of positive values.
+    /// A logarithmic axis over an extent of positive values.
     pub(super) fn logarithmic(extent: Option<(f64, f64)>, margin: f64, start: f64, end: f64) -> Self {
         let (low, high) = extent.map_or((1.0, 10.0), |(low, high)| (low.max(SMALLEST), high.max(SMALLEST)));
         let length = (high / low).ln().max(LEAST_LENGTH);
         let widened = (margin * length).exp();
-        // as much below as above where there is a single value
+        // the same factor below and above a single value
         let open = (0.5 * (length - (high / low).ln())).exp();
         Self { from: low / widened / open, to: high * widened * open, start, end, logarithmic: true }
     }
 
-    /// An axis of days over an extent; one day alone has a place in the middle of three.
+    /// An axis of days over an extent; a single day is in the middle of three.
     pub(super) fn days(extent: Option<(f64, f64)>, margin: f64, start: f64, end: f64) -> Self {
         let (low, high) = extent.unwrap_or((0.0, 1.0));
         let short = 0.5 * (1.0 - (high - low)).max(0.0);
         Self::over(Some((low - short, high + short)), margin, start, end)
     }
 
-    /// Place of a value.
+    /// Position of a value.
     pub(super) fn at(&self, value: f64) -> f64 {
         let share = if self.logarithmic {
             (value / self.from).ln() / (self.to / self.from).ln()
@@ -63,7 +63,7 @@ impl Scale {
         self.start + share * (self.end - self.start)
     }
 
-    /// Whether a value has a place on the axis.
+    /// Returns true if a value has a position on the axis.
     pub(super) fn holds(&self, value: f64) -> bool {
         self.from <= value && value <= self.to
     }
@@ -88,7 +88,7 @@ impl Scale {
             .collect()
     }
 
-    /// Ticks at 1, 2 and 5 times powers of ten, or at powers of ten alone where those are too many.
+    /// Ticks at 1, 2 and 5 times powers of ten, or at powers of ten alone if those are too many.
     fn logarithmic_ticks(&self, wanted: usize) -> Vec<Tick> {
         let decades = self.from.log10().floor() as i32..=self.to.log10().floor() as i32;
         let ticks = |steps: &[f64]| -> Vec<Tick> {
@@ -114,7 +114,7 @@ impl Scale {
         let wanted = wanted.max(2) as f64;
         let days = self.to - self.from;
         if let Some(step) = DAY_STEPS.into_iter().find(|step| days / f64::from(*step) <= wanted) {
-            // from a day that all pictures with this step have in common
+            // from a day that all pictures with this step share
             let start = (self.from / f64::from(step)).ceil() as i64;
             let end = (self.to / f64::from(step)).floor() as i64;
             let ticks = (start..=end).map(|i| (i * i64::from(step)) as f64);
@@ -169,16 +169,17 @@ const DAY_STEPS: [i32; 5] = [1, 2, 4, 7, 14];
 /// Steps of months between ticks.
 const MONTH_STEPS: [u16; 5] = [1, 2, 3, 6, 12];
 
-/// A logarithmic axis has no place for less.
+/// Smallest value on a logarithmic axis.
 const SMALLEST: f64 = 1e-12;
 
 /// Shortest logarithmic axis: a factor of 2.
 const LEAST_LENGTH: f64 = std::f64::consts::LN_2;
 
-/// Values beyond are drawn off the page: the length of their axis would not be finite.
+/// Largest magnitude on an axis; larger values are outside the page, because the length of their axis would not be
+/// finite.
 const LARGEST: f64 = 1e300;
 
-/// From here on ticks are written with a power of ten.
+/// Ticks from this value on use a power of ten.
 const LARGE: f64 = 1e6;
 
 /// Smallest of 1, 2, 5 times a power of ten that is not below `step`.

@@ -18,7 +18,7 @@ use armwatch_model::text::xml;
 
 /// Height of a panel's plotting area, px.
 const PLOT_HEIGHT: f64 = 210.0;
-/// The same of a panel that stands alone.
+/// The same of a single panel.
 const ALONE_HEIGHT: f64 = 420.0;
 /// Space below a plotting area for the horizontal axis, px.
 const BELOW: f64 = 48.0;
@@ -34,7 +34,7 @@ impl Figure {
         document(self)
     }
 
-    /// Panels beside each other.
+    /// Panels per row.
     pub(super) fn across(&self) -> usize {
         self.columns.clamp(1, self.panels.len().max(1))
     }
@@ -81,7 +81,7 @@ fn document(figure: &Figure) -> String {
     svg
 }
 
-/// A panel as a drawing of its own, for a page that has [`style`] and says what the colours mean.
+/// A panel as a separate drawing, for a page that has [`style`] and explains the colours.
 pub(super) fn panel_svg(figure: &Figure, panel: &Panel) -> String {
     let width = WIDTH / figure.across() as f64;
     let height = panel_height(figure, panel);

@@ -1,4 +1,4 @@
-//! Measured and estimated torque of a cycle over time, and their difference on a strip of its own: a panel a joint.
+//! Measured and estimated torque of a cycle over time, and their difference on a separate strip: one panel per joint.
 
 use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series, Strip};
 use armwatch_method::identify::torque_series::{JointTorqueSeries, TorqueSeries, peaks};
@@ -7,28 +7,28 @@ use armwatch_model::analysis::{Rmsd, RmsdScope};
 use armwatch_model::robot::{JointIndex, JointKind, Robot};
 use armwatch_model::run::Stage;
 
-/// Most points of a line: a bucket for about every third pixel of a panel, of which [`peaks`] keeps six
-/// rows.
+/// Most points per line: a bucket for about every third pixel of a panel; [`peaks`] keeps six rows of each.
 const POINTS_PER_LINE: usize = 1800;
 
-/// A longer step than this many usual ones is a gap, over which no line is drawn.
+/// A time step longer than this many usual ones is a gap, and no line is drawn across it.
 const GAP_STEPS: f64 = 2.5;
 
-/// What of a cycle's torques is drawn.
+/// The drawn part of a cycle's torques.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TorqueView {
     /// Stage, or the whole cycle.
     pub scope: RmsdScope,
-    /// Points of a line, if fewer are wanted than a panel shows.
+    /// Points per line, if fewer are wanted than a panel shows.
     pub points: Option<usize>,
     /// Only this joint.
     pub joint: Option<JointIndex>,
-    /// Whether the estimate is drawn where the joint is slow or at rest too: no friction column holds there, and its
-    /// sign changes with the noise of the velocity.
+    /// True if the estimate is also drawn for a slow or resting joint: no friction column is valid there, and its sign
+    /// changes with the noise of the velocity.
     pub slow: bool,
 }
 
-/// Draws what `view` says of a cycle's torques. RMSD in the titles are over all rows of the scope that count.
+/// Draws the part of a cycle's torques that `view` selects. The RMSD in the titles covers all counted rows of the
+/// scope.
 #[must_use]
 pub fn torque_figure(
     robot: &Robot,
@@ -61,7 +61,8 @@ pub fn torque_figure(
     Figure { title, subtitle, legend: legend(&bands, view.slow), panels: panels.collect(), columns: 1 }
 }
 
-/// The RMSD of the moving rows first: at rest a joint holds any torque up to breakaway, which no model tells.
+/// A title with the RMSD of the moving rows first: at rest a joint holds any torque up to breakaway, which no model
+/// predicts.
 fn panel_title(series: &TorqueSeries, joint: JointIndex, scope: RmsdScope) -> String {
     let rmsd = series.rmsd(joint, scope);
     let shown = |of: Rmsd| match of.samples {
@@ -71,7 +72,7 @@ fn panel_title(series: &TorqueSeries, joint: JointIndex, scope: RmsdScope) -> St
     format!("joint {joint}: RMSD in motion {}, with rest {}", shown(rmsd.moving_rows), shown(rmsd.all_rows))
 }
 
-/// Lines of the torques of one joint, those below first, and those of the residual.
+/// Lines of the torques of one joint, from the lowest layer up, and those of the residual.
 fn joint_lines(
     series: &TorqueSeries,
     joint: &JointTorqueSeries,
@@ -84,7 +85,7 @@ fn joint_lines(
     let mut measured = Vec::new();
     let mut estimated = SplitLine::default();
     let mut residual = SplitLine::default();
-    // stretches are thinned one by one, so that the ends of each stay
+    // sections are thinned separately, so that each keeps its ends
     for stretch in rows.chunk_by(|a, b| series.time[*b] - series.time[*a] <= GAP_STEPS * step) {
         let kept = peaks(joint, stretch, most * stretch.len() / rows.len());
         for (place, &row) in kept.iter().enumerate() {
@@ -108,16 +109,16 @@ fn joint_lines(
         torques.push(line("estimated, joint slow", ESTIMATED, Mark::Pale, estimated.slow));
         difference.push(line("residual, joint slow", RESIDUAL, Mark::Pale, residual.slow));
     }
-    // a thin line on a broad pale one: both can be followed where they agree and where they part
+    // a thin line on a broad pale one: both are visible, whether they agree or not
     torques.push(line("estimated", ESTIMATED, Mark::Line, estimated.moving));
     difference.push(line("residual", RESIDUAL, Mark::Thin, residual.moving));
     (torques, difference)
 }
 
-/// Where a line breaks.
+/// A break in a line.
 const BREAK: [f64; 2] = [f64::NAN; 2];
 
-/// A line that changes its look where the joint begins or ceases to move; both looks meet there.
+/// A line with different styles for motion and rest; both styles meet when the joint starts or stops.
 #[derive(Debug, Default)]
 struct SplitLine {
     moving: Vec<[f64; 2]>,
@@ -136,7 +137,7 @@ impl SplitLine {
     }
 }
 
-/// Stages as shaded stretches; rows between stages are not shaded.
+/// Stages as bands; rows between stages are not shaded.
 fn stage_bands(series: &TorqueSeries, rows: &[usize]) -> Vec<Band> {
     let tint = |stage: Stage| Stage::ANALYSED.iter().position(|of| *of == stage).map(|place| place + 1);
     let stretches = rows.chunk_by(|a, b| series.stage[*a] == series.stage[*b]);

@@ -1,4 +1,4 @@
-//! A test motion as parts of its limits, and how the search for it went.
+//! A test motion relative to its limits, and the progress of the search for it.
 
 use super::figure::{
     ESTIMATED, Figure, FigureLevel, Key, Limit, Look, MEASURED, Mark, Panel, Series, XAxis, ramp,
@@ -11,7 +11,7 @@ use armwatch_trajectory::series::state_at;
 const POINTS: u32 = 250;
 
 /// Draws positions, velocities and accelerations of all joints over one period, each in per cent of its limit, and the
-/// values that the starts of a search came to.
+/// resulting values of a search's starts.
 #[must_use]
 pub fn trajectory_figure(
     robot: &Robot,
@@ -32,8 +32,8 @@ pub fn trajectory_figure(
     Figure { title, subtitle, legend, panels, columns: 2 }
 }
 
-/// Draws positions, velocities and accelerations of all joints over a motion of any kind, each in per cent of its limit.
-/// `states` has `[q, qd, qdd]` of each joint at each of the `times`, s.
+/// Draws positions, velocities and accelerations of all joints over any motion, each in per cent of its limit. `states`
+/// has `[q, qd, qdd]` of each joint at each of the `times`, s.
 #[must_use]
 pub fn motion_figure(
     robot: &Robot,
@@ -91,7 +91,7 @@ fn legend(n: usize) -> Vec<Key> {
     (0..n).map(of_joint).chain([limit]).collect()
 }
 
-/// What starts came to, in per cent above the best of them: objectives have values of any size.
+/// Resulting values of the starts, in per cent above the best of them: objectives have values of any size.
 fn search_panel(starts: &[Option<f64>]) -> Panel {
     let at = |k: usize| (k + 1) as f64;
     let least = starts.iter().flatten().copied().fold(f64::INFINITY, f64::min);
@@ -135,7 +135,7 @@ mod tests {
             let points = &figure.panels[panel].series[joint].points;
             points.iter().map(|point| point[1].abs()).fold(0.0, f64::max)
         };
-        // the speeds that are stated for this motion
+        // the stated speeds of this motion
         for (joint, percent) in [66.0, 61.0, 59.0, 52.0, 46.0, 39.0].into_iter().enumerate() {
             assert!((largest(1, joint) - percent).abs() < 0.6, "{joint} {}", largest(1, joint));
         }

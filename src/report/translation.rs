@@ -1,5 +1,5 @@
 //! A page in another language: its texts are keys of the table of messages. Other texts, such as names and the
-//! sentences of detectors, stay as they are.
+//! sentences of detectors, are unchanged.
 
 use super::figure::{Figure, Panel};
 use super::page::{Page, PageBlock, TableCell};

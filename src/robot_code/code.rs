@@ -1,4 +1,4 @@
-//! The code of one arm: what it is made from, and its files.
+//! The code of one arm: its input, and its files.
 
 use super::language::{Language, SourceFile};
 use super::origin::CodeOrigin;
@@ -10,7 +10,7 @@ use armwatch_model::robot::Robot;
 /// Code of an arm's torque.
 #[derive(Debug)]
 pub struct TorqueCode {
-    /// Name of the files and, where the language has no modules, of the functions.
+    /// Name of the files and, if the language has no modules, of the functions.
     pub name: String,
     /// States with the torques of the regressor.
     pub vectors: TestVectors,
@@ -19,8 +19,8 @@ pub struct TorqueCode {
 }
 
 impl TorqueCode {
-    /// Code of `robot` with the given parameters. Parameters of the robot that are not among them are zero; none may be
-    /// there twice. `name` is made an identifier.
+    /// Code of `robot` with the given parameters. Missing parameters of the robot are zero; none may appear twice.
+    /// `name` is converted to an identifier.
     #[must_use]
     pub fn new(robot: &Robot, parameters: &[CodeParameter], name: &str, origin: &CodeOrigin) -> Self {
         let programs = TorquePrograms::new(robot, parameters);
@@ -43,8 +43,8 @@ impl TorqueCode {
         header::cost(&self.programs).operations
     }
 
-    /// Largest difference between the expressions that the code is written from and the test vectors, as a part of the
-    /// joint's scale ([`TestVectors::torque_scales`]).
+    /// Largest difference between the expressions of the code and the test vectors, as a fraction of the joint's scale
+    /// ([`TestVectors::torque_scales`]).
     #[must_use]
     pub fn largest_difference(&self) -> f64 {
         self.vectors.largest_difference(|of| self.programs.torque_at(&of.q, &of.qd, &of.qdd))

@@ -1,4 +1,4 @@
-//! Expressions of a motion: sums and products in which equal parts are one node, and parts that are zero are none.
+//! Expressions of a motion: sums and products. Equal parts are one node, and zero parts are omitted.
 
 use std::collections::HashMap;
 
@@ -6,12 +6,12 @@ use std::collections::HashMap;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct NodeId(pub(super) usize);
 
-/// What a node is. Operands stand before it in the graph.
+/// Kind of a node. Operands precede it in the graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Node {
     /// A small whole number above 0.
     Whole(u8),
-    /// Named constant, by its place in the list of the constants.
+    /// Named constant, by its index in the list of constants.
     Constant(usize),
     /// Position of a joint, rad (m).
     Position(usize),
@@ -46,7 +46,7 @@ impl Node {
         of.into_iter().flatten()
     }
 
-    /// Whether it is read and not computed.
+    /// Returns true if the node is read instead of computed.
     pub(super) fn is_leaf(self) -> bool {
         self.operands().next().is_none()
     }
@@ -69,9 +69,9 @@ pub(super) enum Function {
     Magnitude,
     /// -1, 0 or 1.
     Sign,
-    /// The number where it is above 0, else 0.
+    /// The number if it is above 0, otherwise 0.
     PositivePart,
-    /// The number where it is below 0, else 0.
+    /// The number if it is below 0, otherwise 0.
     NegativePart,
 }
 
@@ -92,16 +92,16 @@ impl Function {
     }
 }
 
-/// A node with a sign, or zero. No node is a negation: signs move outwards, where they cost nothing.
+/// A node with a sign, or zero. No node is a negation: signs move outwards and then need no operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Expression {
-    /// Nothing is computed.
+    /// Zero; nothing is computed.
     Zero,
     /// The node, or its negative.
     Signed {
         /// The node.
         node: NodeId,
-        /// Whether it is subtracted.
+        /// True if it is subtracted.
         negative: bool,
     },
 }
@@ -119,7 +119,7 @@ impl Expression {
 /// Three components.
 pub(super) type Vector = [Expression; 3];
 
-/// Nodes in the order in which they can be computed. Equal nodes are one.
+/// Nodes in the order of their computation. Equal nodes are one.
 #[derive(Debug, Default)]
 pub(super) struct ExpressionGraph {
     nodes: Vec<Node>,
@@ -133,18 +133,18 @@ impl ExpressionGraph {
         &self.nodes
     }
 
-    /// What the node is.
+    /// Kind of the node.
     pub(super) fn node(&self, id: NodeId) -> Node {
         self.nodes[id.0]
     }
 
-    /// Name that the node was given.
+    /// The node's name, if it has one.
     pub(super) fn name_of(&self, id: NodeId) -> Option<&str> {
         self.names.get(&id).map(String::as_str)
     }
 
-    /// Names an expression for readers of the code; what holds the negative of it ends in `_neg`. One that is read, or
-    /// has a name, keeps what it is called.
+    /// Names an expression for readers of the code; a name for its negative ends in `_neg`. A leaf, or a node with a
+    /// name, keeps its name.
     pub(super) fn name(&mut self, of: Expression, name: impl FnOnce() -> String) {
         if let Expression::Signed { node, negative } = of
             && !self.node(node).is_leaf()
@@ -247,7 +247,7 @@ impl ExpressionGraph {
         })
     }
 
-    /// Which nodes the expressions need.
+    /// The nodes that the expressions need, as true.
     pub(super) fn needed(&self, outputs: &[Expression]) -> Vec<bool> {
         let mut needed = vec![false; self.nodes.len()];
         for output in outputs {
@@ -263,7 +263,7 @@ impl ExpressionGraph {
         needed
     }
 
-    /// Values of `outputs`, where `leaf` says what is read.
+    /// Values of `outputs`; `leaf` gives the values of leaves.
     pub(super) fn values(&self, outputs: &[Expression], leaf: impl Fn(Node) -> f64) -> Vec<f64> {
         let mut values = Vec::with_capacity(self.nodes.len());
         for node in &self.nodes {

@@ -1,4 +1,4 @@
-//! What generated code says of itself: model, origin of its numbers, symbols, units, signs, equations.
+//! Comment at the head of generated code: model, origin of its numbers, symbols, units, signs, equations.
 
 use super::expression::{Function, Node};
 use super::listing::wrapped;
@@ -9,7 +9,7 @@ use armwatch_model::robot::{JointIndex, JointKind, Robot, SpringForm, TorqueSens
 /// Longest line.
 const WIDTH: usize = 100;
 
-/// What a call costs.
+/// Operations of a call.
 pub(super) struct Cost {
     /// Sums, differences, products and quotients.
     pub(super) operations: usize,
@@ -17,7 +17,7 @@ pub(super) struct Cost {
     pub(super) sines_and_cosines: usize,
 }
 
-/// Counts what the torque of a state takes, friction included.
+/// Counts the operations for the torque of a state, including friction.
 pub(super) fn cost(programs: &TorquePrograms) -> Cost {
     let mut cost = Cost { operations: 0, sines_and_cosines: 0 };
     for program in [&programs.torque, &programs.friction] {

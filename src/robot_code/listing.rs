@@ -9,7 +9,7 @@ pub(super) const LINE_WIDTH: usize = 110;
 /// A line of a function's body.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum CodeLine {
-    /// Heading of what follows.
+    /// Heading of the following lines.
     Title(String),
     /// A new variable and its value.
     Assignment { name: String, value: String },
@@ -18,11 +18,11 @@ pub(super) enum CodeLine {
 /// Body of a function.
 #[derive(Debug)]
 pub(super) struct Listing {
-    /// Assignments in the order in which they are computed.
+    /// Assignments in the order of computation.
     pub(super) lines: Vec<CodeLine>,
     /// Value of each output.
     pub(super) outputs: Vec<String>,
-    /// What it needs: places by joint.
+    /// The positions that it needs, by joint.
     pub(super) positions: Vec<bool>,
     /// Speeds by joint.
     pub(super) speeds: Vec<bool>,
@@ -36,7 +36,7 @@ pub(super) struct Listing {
     pub(super) operations: usize,
 }
 
-/// How tightly an expression holds together.
+/// Precedence of an expression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Binding {
     Sum,
@@ -44,7 +44,7 @@ enum Binding {
     Single,
 }
 
-/// Writes a program; `function_name` is what the language calls a function.
+/// Writes a program; `function_name` gives the language's name of a function.
 pub(super) fn listing(
     program: &Program,
     constants: &[Constant],
@@ -137,7 +137,7 @@ impl Writer<'_> {
         }
     }
 
-    /// The node by its name where it has one.
+    /// The node's name if it has one, otherwise its expression.
     fn text(&self, id: NodeId) -> (String, Binding) {
         match &self.names[id.0] {
             Some(name) => (name.clone(), Binding::Single),
@@ -145,7 +145,7 @@ impl Writer<'_> {
         }
     }
 
-    /// The node in parentheses where it holds together less than `binding`.
+    /// The node, in parentheses if its precedence is lower than `binding`.
     fn bound(&self, id: NodeId, binding: Binding) -> String {
         match self.text(id) {
             (text, own) if own < binding => format!("({text})"),
@@ -153,8 +153,8 @@ impl Writer<'_> {
         }
     }
 
-    /// How the node is computed. Sums and products are written in the order in which they are computed; that of two
-    /// operands does not matter, so that the one which needs parentheses on the right stands on the left.
+    /// Expression of the node. Sums and products are written in the order of computation. The order of two operands
+    /// does not matter: the operand that would need parentheses on the right comes first.
     fn spelled(&self, id: NodeId) -> (String, Binding) {
         let is_sum = |id: NodeId| {
             self.names[id.0].is_none()
@@ -206,7 +206,7 @@ pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
     filled(text.split(' ').map(str::to_owned), width, width)
 }
 
-/// Breaks a long expression before `+` and `-`, or a list behind its commas.
+/// Breaks a long expression before `+` and `-`, or a list after its commas.
 pub(super) fn wrapped_code(text: &str, first_width: usize, width: usize) -> Vec<String> {
     let mut pieces: Vec<String> = Vec::new();
     for word in text.split(' ') {
@@ -222,7 +222,7 @@ pub(super) fn wrapped_code(text: &str, first_width: usize, width: usize) -> Vec<
     filled(pieces.into_iter(), first_width, width)
 }
 
-/// As many pieces a line as fit.
+/// Joins as many pieces per line as fit.
 fn filled(pieces: impl Iterator<Item = String>, first_width: usize, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     let mut line = String::new();

@@ -1,8 +1,8 @@
 //! Feed-forward code: the torque function of a model as source text of other languages, with test vectors.
 //!
-//! Newton-Euler recursion is carried out on expressions instead of numbers ([`code::TorqueCode`]), so that what is zero
-//! for an arm is not in its code. Expressions are evaluated here as well: the torque that the code is written from is
-//! compared with that of the regressor before anything is written.
+//! Newton-Euler recursion is applied to expressions instead of numbers ([`code::TorqueCode`]), so that zero terms of an
+//! arm are not in its code. Expressions are evaluated here as well: their torque is compared with that of the regressor
+//! before any code is written.
 
 pub mod language;
 pub mod origin;

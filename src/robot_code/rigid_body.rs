@@ -17,7 +17,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// `R' v`: the constant turn first, which is often a mere exchange of axes.
+    /// `R' v`: the constant rotation first, which is often a mere exchange of axes.
     fn to_inner(&self, graph: &mut ExpressionGraph, v: Vector) -> Vector {
         let [x, y, z] = [0, 1, 2].map(|column| graph.dot([0, 1, 2].map(|row| self.r[row][column]), v));
         let Some((s, c)) = self.turn else { return [x, y, z] };
@@ -26,7 +26,7 @@ impl Place {
         [graph.add(cx, sy), graph.subtract(cy, sx), z]
     }
 
-    /// Force and moment as the link before feels them, about its own origin.
+    /// Force and moment on the link before, about its own origin.
     pub(super) fn carry(
         &self,
         graph: &mut ExpressionGraph,
@@ -59,7 +59,7 @@ pub(super) struct Motion {
     pub(super) dw: Vector,
     /// Acceleration of the origin.
     pub(super) a: Vector,
-    /// `[dw] + [w][w]` row by row: what a point of the link is accelerated by, per metre from the origin.
+    /// `[dw] + [w][w]` row by row: acceleration of a point of the link per metre from the origin.
     pub(super) u: [Vector; 3],
 }
 
@@ -103,7 +103,7 @@ impl Motion {
     }
 }
 
-/// Position, speed or acceleration of joint `i`, or of a crank about its axis, and what names of the body end with.
+/// Position, speed or acceleration of joint `i`, or of a crank about its axis, and the suffix of the body's names.
 pub(super) fn about_axis(
     graph: &mut ExpressionGraph,
     node: impl Fn(usize) -> Node,
@@ -128,7 +128,7 @@ fn accelerations_per_metre(graph: &mut ExpressionGraph, w: Vector, dw: Vector) -
     ]
 }
 
-/// Force and moment about the frame's origin: `m a + u mP` and `I dw + w x I w + mP x a`, the latter written with the
+/// Force and moment about the frame's origin: `m a + u mP` and `I dw + w x I w + mP x a`, the latter expressed by the
 /// entries of `u`, whose products it shares.
 pub(super) fn link_wrench(
     graph: &mut ExpressionGraph,

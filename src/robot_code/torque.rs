@@ -1,7 +1,7 @@
 //! The torque of an arm as expressions: Newton-Euler recursion in link frames, written out for one arm.
 //!
-//! Constants that are zero, and products with them, are left out. Base parameters have many zeros, which is why their
-//! code is short.
+//! Constants that are zero, and products with them, are omitted. Base parameters have many zeros, so their code is
+//! short.
 
 mod load_friction;
 
@@ -13,20 +13,21 @@ use armwatch_model::robot::{
     ParameterKind, Robot, Spring, SpringForm, StandardParameters,
 };
 
-/// Entries of a rotation, and lengths in m, that are this near to 0, 1 or -1 are taken as such: a right angle in rad
+/// Entries of a rotation, and lengths in m, that are this close to 0, 1 or -1 are rounded to it: a right angle in rad
 /// has a cosine of 6e-17.
 const GEOMETRY_ROUNDING: f64 = 1e-15;
 
 /// A parameter of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CodeParameter {
-    /// Which one.
+    /// Its identity.
     pub id: ParameterId,
     /// Value in the unit of [`ParameterId::unit`].
     pub value: f64,
-    /// Standard error in the same unit, where it is known.
+    /// Standard error in the same unit, if known.
     pub std_error: Option<f64>,
-    /// The sum of link parameters that it stands for, such as `J2_mPx + 0.27 J3_m`; `None` where it is itself.
+    /// The sum of link parameters that it represents, such as `J2_mPx + 0.27 J3_m`; `None` if it is a link parameter
+    /// itself.
     pub stands_for: Option<String>,
 }
 
@@ -35,13 +36,13 @@ pub struct CodeParameter {
 pub(super) struct Constant {
     /// Name, in capitals.
     pub(super) name: String,
-    /// Value, neither 0 nor 1 nor -1 where it is one of geometry.
+    /// Value; a geometric one is never 0, 1 or -1.
     pub(super) value: f64,
     /// Unit and meaning.
     pub(super) about: String,
 }
 
-/// A stretch of nodes with a heading.
+/// A range of nodes with a heading.
 #[derive(Debug)]
 pub(super) struct CodeSection {
     /// First node.
@@ -50,13 +51,13 @@ pub(super) struct CodeSection {
     pub(super) title: String,
 }
 
-/// Nodes, what they yield for each joint, and headings.
+/// Nodes, their output for each joint, and headings.
 #[derive(Debug)]
 pub(super) struct Program {
     /// Joints of the arm.
     pub(super) joints: usize,
     pub(super) graph: ExpressionGraph,
-    /// One a joint, Nm (N).
+    /// One per joint, Nm (N).
     pub(super) outputs: Vec<Expression>,
     pub(super) sections: Vec<CodeSection>,
 }
@@ -75,7 +76,7 @@ impl Program {
 #[derive(Debug)]
 pub(super) struct TorquePrograms {
     pub(super) constants: Vec<Constant>,
-    /// Friction by joint: what losses take and what the torque signal has without motion.
+    /// Friction by joint: losses and the offset of the torque signal.
     pub(super) friction: Program,
     /// Torque by joint; reads the friction.
     pub(super) torque: Program,
@@ -122,7 +123,7 @@ impl TorquePrograms {
 struct TorqueBuilder<'a> {
     robot: &'a Robot,
     parameters: &'a [CodeParameter],
-    /// As in [`DynamicModel::grouped_motor_inertia`].
+    /// Same as in [`DynamicModel::grouped_motor_inertia`].
     grouped_motor_inertia: Vec<f64>,
     constants: Vec<Constant>,
 }
@@ -160,7 +161,7 @@ impl<'a> TorqueBuilder<'a> {
         graph.leaf(Node::Constant(at))
     }
 
-    /// A parameter of the model; zero where the model has none.
+    /// A parameter of the model; zero if the model does not have it.
     fn parameter(&mut self, graph: &mut ExpressionGraph, id: ParameterId) -> Expression {
         let Some(found) = self.parameters.iter().find(|of| of.id == id && of.value != 0.0) else {
             return Expression::Zero;
@@ -184,7 +185,7 @@ impl<'a> TorqueBuilder<'a> {
         })
     }
 
-    /// Enters the inertias of all motors, so that they stand with the other parameters.
+    /// Adds the inertias of all motors, so that they are listed with the other parameters.
     fn motor_inertia(&mut self, graph: &mut ExpressionGraph) {
         let of_kind = |kind| move |of: &&CodeParameter| of.id.kind == kind;
         for kind in [ParameterKind::MotorInertia, ParameterKind::Coupling(CouplingTerm::Inertia)] {
@@ -246,7 +247,7 @@ impl<'a> TorqueBuilder<'a> {
         torque
     }
 
-    /// Cranks that turn about the axis of joint `i`, on a link that moves as `motion`: place, force and moment.
+    /// Cranks that turn about the axis of joint `i`, on a link with the motion `motion`: place, force and moment.
     fn cranks(
         &mut self,
         graph: &mut ExpressionGraph,
@@ -387,7 +388,7 @@ impl<'a> TorqueBuilder<'a> {
         }
     }
 
-    /// What Coulomb friction is multiplied by at a speed.
+    /// The factor of Coulomb friction at a speed.
     fn sign(
         &mut self,
         graph: &mut ExpressionGraph,
@@ -420,7 +421,7 @@ impl<'a> TorqueBuilder<'a> {
         })
     }
 
-    /// Torque of a spring: with lever `a b sin p / l` and length `l` where it is a cylinder.
+    /// Torque of a spring; for a cylinder, with lever `a b sin p / l` and length `l`.
     fn spring(&mut self, graph: &mut ExpressionGraph, spring: &Spring) -> Expression {
         let joint = spring.joint;
         let q = graph.leaf(Node::Position(joint.index()));
@@ -465,7 +466,7 @@ impl<'a> TorqueBuilder<'a> {
             let pull = self.spring(&mut program.graph, spring);
             torque[j] = program.graph.add(torque[j], pull);
         }
-        // the gear carries the springs as well
+        // the gear transmits the torque of the springs as well
         let losses: Vec<Expression> = self
             .robot
             .joint_indices()

@@ -11,12 +11,12 @@ use armwatch_model::robot::{JointKind, ParameterId, Robot};
 /// States in a table.
 pub const VECTOR_STATES: usize = 320;
 
-/// Largest difference of torques, as a part of the joint's scale, that is rounding: some hundred operations in two
+/// Largest difference of torques that is rounding, as a fraction of the joint's scale: some hundred operations in two
 /// orders.
 pub const ROUNDING: f64 = 1e-12;
 
-/// Least scale of a joint's torque, as a part of the arm's largest torque. The torque of a joint that the forces of the
-/// others nearly miss, by the cosine of a right angle, is nothing but rounding.
+/// Least scale of a joint's torque, as a fraction of the arm's largest torque. If the forces of the other joints nearly
+/// miss a joint, by the cosine of a right angle, its torque is only rounding.
 const LEAST_SCALE: f64 = 0.01;
 
 /// States and their torques.
@@ -30,9 +30,9 @@ pub struct TestVectors {
 }
 
 impl TestVectors {
-    /// A fixed sequence of states within the limits of the arm, and the regressor's torques for them. Of four states one
-    /// is anywhere, one at rest, one slow in all joints, and in one a joint rests while the others move; of eight one has
-    /// neither speed nor acceleration.
+    /// A fixed sequence of states within the limits of the arm, and the regressor's torques for them. One of four
+    /// states is random, one at rest, one slow in all joints, and in one a joint rests while the others move; one of
+    /// eight has neither speed nor acceleration.
     #[must_use]
     pub fn of(robot: &Robot, parameters: &[CodeParameter]) -> Self {
         let value = |id: &ParameterId| parameters.iter().find(|of| of.id == *id).map_or(0.0, |of| of.value);
@@ -59,8 +59,8 @@ impl TestVectors {
         (0..self.kinds.len()).map(largest).collect()
     }
 
-    /// Scale of each joint's torque, Nm (N): its largest torque, a hundredth of the arm's largest torque at least; 1
-    /// where no joint has a torque.
+    /// Scale of each joint's torque, Nm (N): its largest torque, at least a hundredth of the arm's largest torque; 1 if
+    /// no joint has a torque.
     #[must_use]
     pub fn torque_scales(&self) -> Vec<f64> {
         let largest = self.largest_torques();
@@ -69,8 +69,8 @@ impl TestVectors {
         largest.into_iter().map(|largest| largest.max(least)).collect()
     }
 
-    /// Largest difference from the torques of another road, as a part of the joint's scale. Not a number where a torque
-    /// is none.
+    /// Largest difference from the torques of another method, as a fraction of the joint's scale. NaN if a torque is
+    /// NaN.
     #[must_use]
     pub fn largest_difference(&self, torque: impl Fn(&JointState) -> Vec<f64>) -> f64 {
         let scale = self.torque_scales();

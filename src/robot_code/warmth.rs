@@ -1,4 +1,4 @@
-//! How warm the joints were when their friction was identified.
+//! Temperature of the joints when their friction was identified.
 
 use super::torque::CodeParameter;
 use armwatch_method::analyse_run::warm_up_fits;
@@ -6,7 +6,7 @@ use armwatch_method::friction::warm_up::warm_up_torque;
 use armwatch_model::analysis::{FrictionPoint, WarmUpFit};
 use armwatch_model::robot::{JointIndex, ParameterKind, Robot};
 
-/// Warm-up curves of a recording, and the cycles of it that parameters come from.
+/// Warm-up curves of a recording, and the minutes of the cycles that parameters come from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WarmUpCurves {
     fits: Vec<WarmUpFit>,
@@ -14,8 +14,8 @@ pub struct WarmUpCurves {
 }
 
 impl WarmUpCurves {
-    /// Of friction points of whole recordings, one recording after another, and the middles of the chosen cycles, min
-    /// since the start of their recording.
+    /// Curves of the friction points of whole recordings, one recording after another; `minutes` are the middles of the
+    /// chosen cycles, min since the start of their recording.
     #[must_use]
     pub fn new(points: &[FrictionPoint], minutes: Vec<f64>) -> Self {
         Self { fits: warm_up_fits(points), minutes }
@@ -29,14 +29,14 @@ impl WarmUpCurves {
         Some([first, last])
     }
 
-    /// Last minute to which friction of any joint was measured; `None` without curves.
+    /// Last minute with a measured friction of any joint; `None` without curves.
     #[must_use]
     pub fn last_minute(&self) -> Option<f64> {
         self.fits.iter().map(|fit| fit.record[1]).reduce(f64::max)
     }
 
     /// Friction of a joint at a minute, as a multiple of its mean in the chosen cycles: the mean over the speed levels.
-    /// `None` where no level has a curve, or a curve gives no positive friction.
+    /// `None` if no level has a curve, or a curve gives no positive friction.
     #[must_use]
     pub fn relative_friction(&self, joint: JointIndex, minute: f64) -> Option<f64> {
         let ratio = |fit: &WarmUpFit| {
@@ -53,8 +53,8 @@ impl WarmUpCurves {
     }
 }
 
-/// Multiplies the friction of each joint, and of the motor of it that turns with another joint, by its factor `[n]`. An
-/// offset of the torque signal is no friction and stays.
+/// Multiplies the friction of each joint, and of its coupled motor's part, by its factor `[n]`. An offset of the torque
+/// signal is not friction and stays.
 pub fn scale_friction(robot: &Robot, parameters: &mut [CodeParameter], factors: &[f64]) {
     use armwatch_model::robot::{CouplingTerm, FrictionTerm};
     let is_friction = |kind| match kind {

@@ -1,4 +1,4 @@
-//! A database that is named by the address of a server instead of a file.
+//! A database with the address of a server instead of a file name.
 
 use std::path::Path;
 
@@ -9,14 +9,14 @@ const SCHEMES: [&str; 2] = ["postgres", "postgresql"];
 pub const KINDS_OF_DATABASE: &str =
     "name a file, or a PostgreSQL server as in postgres://user@host:5432/name";
 
-/// Whether a database is on a server: `postgres://user@host/name`, in letters of any size.
+/// Returns true if a database is on a server: `postgres://user@host/name`, in upper or lower case.
 #[must_use]
 pub fn is_on_server(database: &Path) -> bool {
     scheme(database).is_some_and(is_of_postgres)
 }
 
-/// The scheme of an address that is none of PostgreSQL, such as `mysql`. It is no file either: its name could have a
-/// password in it.
+/// The scheme of an address of another kind of server, such as `mysql`. Such an address is not used as a file name
+/// either, because it may contain a password.
 #[must_use]
 pub fn foreign_scheme(database: &Path) -> Option<&str> {
     scheme(database).filter(|scheme| !is_of_postgres(scheme))
@@ -34,7 +34,7 @@ fn is_of_postgres(scheme: &str) -> bool {
     SCHEMES.iter().any(|known| known.eq_ignore_ascii_case(scheme))
 }
 
-/// The database as people see it: an address without its password.
+/// The database for display: an address without its password.
 #[must_use]
 pub fn shown_database(database: &Path) -> String {
     let text = database.to_string_lossy();
@@ -43,7 +43,7 @@ pub fn shown_database(database: &Path) -> String {
     };
     let rest = rest.strip_prefix("//").unwrap_or(rest.trim_start_matches('/'));
     let (place, parameters) = rest.split_once('?').map_or((rest, None), |(place, rest)| (place, Some(rest)));
-    // a password may hold a slash that is not escaped
+    // a password may contain a slash that is not escaped
     let (user, place) = place.rsplit_once('@').map_or((None, place), |(user, place)| (Some(user), place));
     let user = user
         .map_or_else(String::new, |user| format!("{}@", user.split([':', '/']).next().unwrap_or_default()));

@@ -6,16 +6,16 @@ use std::time::Duration;
 use super::toml::range::Limits;
 use super::toml::table::{Table, Value};
 
-/// Longer than a conclusion computes while it holds its transaction, and than a server takes to start again; short beside
-/// the time that a test takes.
+/// Longer than a conclusion computes while it holds its transaction, and than a server takes to restart; short compared
+/// with a test.
 const DEFAULT_LEASE_S: f64 = 60.0;
 
-/// What a daemon is among several on one database.
+/// Settings of a daemon among several on one database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ClusterSettings {
-    /// The name of this daemon, which no other on the database has; `None`: it is the only one.
+    /// The name of this daemon, unique on the database; `None` if it is the only one.
     pub host: Option<String>,
-    /// How long the others wait for a word of this daemon before they take over its work.
+    /// Time after the last sign of life of this daemon until the others take over its work.
     pub lease: Duration,
     /// Watched folders that other daemons see under the same path.
     pub shared_folders: Vec<PathBuf>,
@@ -57,10 +57,10 @@ fn read_host(value: &Value<'_>) -> Option<String> {
     Some(name.to_owned())
 }
 
-/// The name of a host, if it can be one: paths of exports are told with it, `line1:/data/exports/R01.csv`.
+/// Checks that a name is valid for a host: paths of exports are reported with it, `line1:/data/exports/R01.csv`.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The fault.
 pub fn host_name(name: &str) -> Result<String, String> {
     let is_allowed = |of: char| of.is_ascii_alphanumeric() || matches!(of, '-' | '_' | '.');
     if name.is_empty() || name.len() > 63 || !name.chars().all(is_allowed) {

@@ -1,29 +1,28 @@
-//! Dates and times in the names of files: eight digits and four or six, or whatever a pattern says.
+//! Dates and times in the names of files: eight digits and four or six, or a configured form.
 
 use jiff::civil::{Date, DateTime, Time};
 use jiff::fmt::strtime;
 
 use super::toml::table::{Table, Value};
 
-/// Years that a recording can be from. Outside, eight digits are no date but a serial number.
+/// Plausible years of a recording. Outside, eight digits are a serial number instead of a date.
 const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
 
-/// How dates and times are written in file names; conversions of `strptime` (`%Y`, `%y`, `%m`, `%d`, `%b`, `%H`, `%M`,
-/// `%S`), everything else stands for itself.
+/// Forms of dates and times in file names; conversions of `strptime` (`%Y`, `%y`, `%m`, `%d`, `%b`, `%H`, `%M`, `%S`),
+/// all other characters are literal.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct DateFormats {
-    /// Of the group `date`; `None` for YYYYMMDD.
+    /// Form of the group `date`; `None` for YYYYMMDD.
     pub date: Option<String>,
-    /// Of the group `time`; `None` for HHMM or HHMMSS.
+    /// Form of the group `time`; `None` for HHMM or HHMMSS.
     pub time: Option<String>,
 }
 
 impl DateFormats {
-    /// The moment on a clock on a wall that `date` and `time` say, and whether they say a time of day; midnight
-    /// without one.
+    /// The local time in `date` and `time`, and true if they give a time of day; midnight without one.
     ///
     /// # Errors
-    /// What is wrong with one of them.
+    /// The fault in one of them.
     pub(super) fn moment(&self, date: &str, time: Option<&str>) -> Result<(DateTime, bool), String> {
         let (day, with_it) = match &self.date {
             Some(format) => formatted(format, date, "date_format")?,
@@ -46,7 +45,7 @@ impl DateFormats {
         Ok((DateTime::from_parts(day, clock.unwrap_or_else(Time::midnight)), clock.is_some()))
     }
 
-    /// What the groups of the pattern of file names should hold.
+    /// The valid contents of the pattern's groups.
     #[must_use]
     pub fn wanted(&self) -> String {
         let date = self.date.as_deref().unwrap_or("YYYYMMDD");
@@ -55,8 +54,8 @@ impl DateFormats {
     }
 }
 
-/// Reads `date_format` and `time_format`; `None` where one is wrong. `has` says which groups the pattern of file
-/// names has.
+/// Reads `date_format` and `time_format`; `None` if one is wrong. `has` returns true for the groups of the pattern of
+/// file names.
 pub(super) fn read(table: Option<&Table<'_>>, has: impl Fn(&str) -> bool) -> Option<DateFormats> {
     let one = |key: &str, group: &str, is_right: fn(&str) -> bool, wanted: &str| {
         let Some(value) = table.and_then(|table| table.optional(key)) else { return Some(None) };
@@ -94,13 +93,13 @@ fn refuse(value: &Value<'_>, wanted: &str) {
     );
 }
 
-/// Two moments that no other conversion takes for each other.
+/// Two times that every other conversion changes.
 const PROBES: [(Date, Time); 2] = [
     (Date::constant(2026, 11, 23), Time::constant(21, 48, 37, 0)),
     (Date::constant(1998, 2, 5), Time::constant(4, 9, 0, 0)),
 ];
 
-/// Whether a format gives back a date that was written with it.
+/// Returns true if a format reproduces a date that was written with it.
 pub(super) fn gives_date(format: &str) -> bool {
     PROBES.iter().all(|(date, time)| {
         let written = strtime::format(format, DateTime::from_parts(*date, *time));
@@ -108,7 +107,7 @@ pub(super) fn gives_date(format: &str) -> bool {
     })
 }
 
-/// Whether a format gives back at least the hour of a time that was written with it.
+/// Returns true if a format reproduces at least the hour of a time that was written with it.
 fn gives_time(format: &str) -> bool {
     PROBES.iter().all(|(date, time)| {
         let written = strtime::format(format, DateTime::from_parts(*date, *time));
@@ -119,7 +118,7 @@ fn gives_time(format: &str) -> bool {
     })
 }
 
-/// Date and time of a text in this form, as far as it has them.
+/// Date and time in a text of this form, as far as it has them.
 fn formatted(format: &str, text: &str, key: &str) -> Result<(Option<Date>, Option<Time>), String> {
     let parsed = strtime::parse(format, text)
         .map_err(|error| format!("not in the form {key} = \"{format}\": {error}"))?;
@@ -150,7 +149,7 @@ fn digits_of_clock(text: &str) -> Result<Time, String> {
     let [hour, minute, second] = digits(text, [2, 2, 2])
         .or_else(|| digits(text, [2, 2]).map(|[hour, minute]| [hour, minute, 0]))
         .ok_or("the time needs four or six digits; for another form set time_format under [recognition], such as \"%H-%M-%S\"")?;
-    // a leap second, which no clock of this program has; strptime takes it likewise
+    // a leap second, which no clock of this program has; strptime treats it likewise
     let shown = if second == 60 { 59 } else { second };
     Time::new(small(hour)?, small(minute)?, small(shown)?, 0)
         .map_err(|_| format!("there is no time {hour:02}:{minute:02}:{second:02}"))
@@ -160,7 +159,7 @@ fn small(number: i16) -> Result<i8, String> {
     i8::try_from(number).map_err(|error| error.to_string())
 }
 
-/// Consecutive decimal numbers of the given widths, which make up the whole text.
+/// Consecutive decimal numbers of the given widths that form the whole text.
 fn digits<const N: usize>(text: &str, widths: [usize; N]) -> Option<[i16; N]> {
     if text.len() != widths.iter().sum::<usize>() || !text.bytes().all(|b| b.is_ascii_digit()) {
         return None;

@@ -1,5 +1,5 @@
-//! Every file in `tests/fixtures/configs/` has one oddity, after which it is named, and yields the
-//! problem that is written here.
+//! Every file in `tests/fixtures/configs/` has one oddity, which its name describes, and gives the problem that is
+//! listed here.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

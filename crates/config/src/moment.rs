@@ -1,4 +1,4 @@
-//! Dates and times as text: the conversions of `[time] format` and `[start] format`, and the forms that a cell may have.
+//! Dates and times as text: the conversions of `[time] format` and `[start] format`, and the possible forms of a cell.
 
 mod forms;
 mod names;
@@ -14,7 +14,7 @@ const DAY: i64 = 24 * HOUR;
 /// Digits of a nanosecond.
 const NANOSECOND_DIGITS: usize = 9;
 
-/// Most digits of hours that count on beyond a day.
+/// Most digits of elapsed hours, which continue beyond a day.
 const ELAPSED_HOUR_DIGITS: usize = 6;
 
 /// The form of a date and time, from conversions of `strptime`.
@@ -24,12 +24,12 @@ pub struct MomentFormat {
     parts: Vec<DatePart>,
 }
 
-/// A date, a time of day or both, as a cell gives it.
+/// A date, a time of day or both, from a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Moment {
-    /// Nanoseconds from 1970; of a form without a date, from the start of its largest unit.
+    /// Nanoseconds from 1970; for a form without a date, from the start of its largest unit.
     pub nanoseconds: i64,
-    /// Whether the cell gives its offset from UTC, which is already subtracted.
+    /// True if the cell gives its offset from UTC, which is already subtracted.
     pub has_offset: bool,
 }
 
@@ -42,7 +42,7 @@ enum DatePart {
     Weekday,
     Meridiem,
     Offset,
-    /// Digits behind a point or comma; they may be absent together with the mark.
+    /// Digits after a point or comma; they may be absent together with the mark.
     Fraction,
     /// Whole milliseconds, microseconds or nanoseconds, by the number of digits.
     Subsecond,
@@ -88,8 +88,8 @@ struct MomentFields {
 }
 
 impl MomentFormat {
-    /// Reads a format. `%d`, `%m`, `%H` and others take numbers with and without leading zeros, and `%S` takes
-    /// decimals behind a point or comma. `%b` and `%B` take names of months in English, German and Italian.
+    /// Reads a format. `%d`, `%m`, `%H` and others accept numbers with and without leading zeros, and `%S` accepts
+    /// decimals after a point or comma. `%b` and `%B` accept names of months in English, German and Italian.
     ///
     /// # Errors
     /// An unknown conversion, one that depends on the language of a computer, half a date, a month without a name or
@@ -118,25 +118,25 @@ impl MomentFormat {
         Ok(format)
     }
 
-    /// The format as it is written.
+    /// The format's text.
     #[must_use]
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Whether it gives year, month and day.
+    /// Returns true if it gives year, month and day.
     #[must_use]
     pub fn gives_date(&self) -> bool {
         self.has(DatePart::Number(Field::Year)) || self.has(DatePart::Number(Field::ShortYear))
     }
 
-    /// Whether it gives seconds, or decimals of them.
+    /// Returns true if it gives seconds, or decimals of them.
     #[must_use]
     pub fn gives_seconds(&self) -> bool {
         self.has(DatePart::Number(Field::Second))
     }
 
-    /// After how many seconds a clock of this form begins anew; `None` with a date.
+    /// Seconds after which a clock of this form restarts; `None` with a date.
     #[must_use]
     pub fn period_s(&self) -> Option<f64> {
         let has = |field| self.has(DatePart::Number(field));
@@ -167,7 +167,7 @@ impl MomentFormat {
         names.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0])
     }
 
-    /// The moment that a cell gives in this form.
+    /// The time of a cell in this form.
     #[must_use]
     pub fn moment(&self, cell: &str) -> Option<Moment> {
         let dated = self.gives_date();
@@ -219,12 +219,12 @@ impl MomentFormat {
 }
 
 impl MomentFields {
-    /// Takes a number; `None` where it is none of its field.
+    /// Stores a number; `None` if it is invalid for its field.
     fn take(&mut self, field: Field, number: i64, format: &MomentFormat) -> Option<()> {
         let (dated, has_hour) = (format.gives_date(), format.has(DatePart::Number(Field::Hour)));
         let (slot, range) = match field {
             Field::Year => (&mut self.year, 1..=9999),
-            // as strptime: from 69 on, the last century
+            // like strptime: from 69 on, the last century
             Field::ShortYear => {
                 self.year = Some(if number < 69 { 2000 + number } else { 1900 + number });
                 return Some(());
@@ -279,7 +279,7 @@ impl MomentFields {
     }
 }
 
-/// Nanoseconds of a time that has elapsed, as IEC 61131-3 and ISO 8601 write it: `T#1h2m3s4ms`, `LTIME#20ms`, `PT1.5S`,
+/// Nanoseconds of an elapsed time in the notation of IEC 61131-3 and ISO 8601: `T#1h2m3s4ms`, `LTIME#20ms`, `PT1.5S`,
 /// `-1d2h`.
 #[must_use]
 pub fn duration(cell: &str) -> Option<i64> {
@@ -306,7 +306,7 @@ pub fn duration(cell: &str) -> Option<i64> {
     let mut sum = 0.0;
     let mut parts = 0;
     while !rest.is_empty() {
-        // the T of ISO 8601 stands between days and hours, and underscores between any parts
+        // the T of ISO 8601 is between days and hours, and underscores may be between any parts
         rest = rest.strip_prefix(['t', '_']).unwrap_or(rest);
         let end = rest.find(|c: char| !c.is_ascii_digit() && !matches!(c, '.' | ',' | '_'))?;
         let number: f64 = rest.get(..end)?.replace(',', ".").replace('_', "").parse().ok()?;
@@ -319,7 +319,7 @@ pub fn duration(cell: &str) -> Option<i64> {
     (parts > 0 && sum.abs() < i64::MAX as f64).then_some(sum as i64)
 }
 
-/// Whether a character is a blank, those that do not break a line included.
+/// Returns true if a character is a blank, including non-breaking ones.
 fn is_blank(c: char) -> bool {
     matches!(c, ' ' | '\t' | '\u{a0}' | '\u{202f}' | '\u{2009}')
 }
@@ -329,7 +329,7 @@ fn literal(text: &str, wanted: char) -> Option<&str> {
     (chars.next()? == wanted).then_some(chars.as_str())
 }
 
-/// The number of at most `most` digits that a text begins with, and the rest.
+/// The number of at most `most` digits at the start of a text, and the rest.
 fn number(text: &str, most: usize) -> Option<(i64, &str)> {
     let text = text.trim_start_matches(is_blank);
     let end = text.bytes().take(most).take_while(u8::is_ascii_digit).count();
@@ -337,7 +337,7 @@ fn number(text: &str, most: usize) -> Option<(i64, &str)> {
     Some((digits.parse().ok()?, rest))
 }
 
-/// Nanoseconds of decimals behind a point or comma; zero where there is no mark.
+/// Nanoseconds of decimals after a point or comma; zero without a mark.
 fn fraction(text: &str) -> Option<(i64, &str)> {
     let Some(decimals) = text.strip_prefix(['.', ',']) else { return Some((0, text)) };
     let end = decimals.bytes().take_while(u8::is_ascii_digit).count();
@@ -360,7 +360,7 @@ fn subsecond(text: &str) -> Option<(i64, &str)> {
     Some((digits.parse::<i64>().ok()? * unit, rest))
 }
 
-/// Seconds that a clock is ahead of UTC.
+/// Offset of a clock from UTC, s.
 fn offset(text: &str) -> Option<(i64, &str)> {
     if let Some(rest) = text.strip_prefix(['Z', 'z']) {
         return Some((0, rest));
@@ -379,7 +379,7 @@ fn parts(text: &str) -> Result<Vec<DatePart>, String> {
     while let Some(c) = chars.next() {
         match c {
             '%' => {
-                // the width and the sign of padding do not matter, since numbers are read with and without zeros
+                // width and padding have no effect, since numbers are read with and without zeros
                 while chars.next_if(|c| matches!(c, '-' | '_' | '0'..='9' | ':')).is_some() {}
                 let has_mark = chars.next_if_eq(&'.').is_some();
                 while chars.next_if(char::is_ascii_digit).is_some() {}
@@ -443,7 +443,7 @@ fn add(parts: &mut Vec<DatePart>, conversion: char, has_mark: bool) -> Result<()
     Ok(())
 }
 
-/// Lets decimals follow the seconds wherever the format says nothing else about them.
+/// Permits decimals after the seconds unless the format specifies them.
 fn with_optional_fraction(parts: Vec<DatePart>) -> Vec<DatePart> {
     let mut with = Vec::with_capacity(parts.len() + 1);
     let mut rest = parts.into_iter().peekable();

@@ -1,4 +1,4 @@
-//! Patterns over robot names: `*` stands for any characters, everything else for itself.
+//! Patterns over robot names: `*` matches any characters, all other characters are literal.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use armwatch_model::robot::name::composed;
 pub struct FilePatterns(pub Vec<String>);
 
 impl FilePatterns {
-    /// Whether one of them matches the whole name.
+    /// Returns true if one of them matches the whole name.
     #[must_use]
     pub fn matches(&self, file_name: &str) -> bool {
         self.0.iter().any(|pattern| matches(pattern, file_name))
@@ -22,16 +22,16 @@ impl fmt::Display for FilePatterns {
     }
 }
 
-/// Whether `pattern` matches the whole of `name`.
+/// Returns true if `pattern` matches the whole of `name`.
 pub(super) fn matches(pattern: &str, name: &str) -> bool {
     let name: Vec<_> = composed(name).chars().map(PatternPiece::One).collect();
     meet(&pieces(pattern), &name)
 }
 
-/// Whether `wide` matches every name that `narrow` matches.
+/// Returns true if `wide` matches every name that `narrow` matches.
 pub(super) fn covers(wide: &str, narrow: &str) -> bool {
-    // Only a star can match a character that nobody can write; what matches it there matches
-    // whatever the narrow pattern's star may stand for.
+    // The star of the narrow pattern is replaced by a character that no name contains, which only a star can match. A
+    // pattern that matches the result matches all texts of the narrow pattern's star.
     let narrow: Vec<_> = pieces(narrow)
         .into_iter()
         .map(|piece| if piece == PatternPiece::Any { PatternPiece::Unwritable } else { piece })
@@ -39,7 +39,7 @@ pub(super) fn covers(wide: &str, narrow: &str) -> bool {
     meet(&pieces(wide), &narrow)
 }
 
-/// Whether some name matches both patterns.
+/// Returns true if some name matches both patterns.
 pub(super) fn overlap(a: &str, b: &str) -> bool {
     meet(&pieces(a), &pieces(b))
 }
@@ -58,8 +58,7 @@ fn pieces(pattern: &str) -> Vec<PatternPiece> {
         .collect()
 }
 
-/// Whether two sequences have a text in common: `reachable[i][j]` says that the first `i` and `j`
-/// pieces have.
+/// Returns true if two sequences match a common text: `reachable[i][j]` is true if the first `i` and `j` pieces do.
 fn meet(a: &[PatternPiece], b: &[PatternPiece]) -> bool {
     let mut reachable = vec![vec![false; b.len() + 1]; a.len() + 1];
     for i in 0..=a.len() {
@@ -68,7 +67,7 @@ fn meet(a: &[PatternPiece], b: &[PatternPiece]) -> bool {
             let star_b = j > 0 && b[j - 1] == PatternPiece::Any;
             let without_a = i > 0 && reachable[i - 1][j];
             let without_b = j > 0 && reachable[i][j - 1];
-            // A star may end here, or take in the other side's last piece.
+            // A star may end here, or match the other side's last piece.
             reachable[i][j] = (i == 0 && j == 0)
                 || ((star_a || star_b) && (without_a || without_b))
                 || (i > 0 && j > 0 && a[i - 1] == b[j - 1] && reachable[i - 1][j - 1]);
@@ -104,8 +103,8 @@ mod tests {
 
     #[test]
     fn covering_and_overlap_agree_with_all_short_names() {
-        // Second road: every name up to four letters over an alphabet with one letter that no
-        // pattern holds is enough to tell patterns of up to three pieces apart.
+        // Second method: every name up to four letters, over an alphabet with one letter that no pattern contains, is
+        // enough to distinguish patterns of up to three pieces.
         let patterns = words(&['a', 'b', '*'], 3);
         let names = words(&['a', 'b', 'c'], 4);
         for p in &patterns {

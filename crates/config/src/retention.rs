@@ -3,22 +3,22 @@
 use super::toml::range::Limits;
 use super::toml::table::{Table, Value};
 
-/// What stands for "for ever" in place of a number of days.
+/// Replaces the number of days for "for ever".
 const FOR_EVER: &str = "forever";
 
 /// Four months: some 0.6 GB of a six-joint arm that is tested daily.
 const DEFAULT_TESTS_DAYS: f64 = 120.0;
 
-/// A week: a test that arrives late, or is corrected, comes within days. Some 0.5 GB of an arm that is watched around
+/// A week: a test that arrives late, or is corrected, comes within days. Some 0.5 GB for an arm that is watched around
 /// the clock.
 const DEFAULT_PRODUCTION_DAYS: f64 = 7.0;
 
-/// How long factors of single cycles are kept, days; `None` for ever. Results are always kept.
+/// Retention time of factors of single cycles, days; `None` for ever. Results are always kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RetentionSettings {
-    /// Those of tests, which are removed then.
+    /// Retention time of tests' factors, which are then removed.
     pub tests_days: Option<f64>,
-    /// Those of ordinary work, which are joined then, one factor a log.
+    /// Retention time of production's factors, which are then joined to one factor per log.
     pub production_days: Option<f64>,
 }
 

@@ -16,23 +16,23 @@ const DEFAULT_IDLE_TIMEOUT_S: f64 = 30.0;
 /// Most uploads at once: each holds an open file, a thread and some hundred kilobytes.
 const MAX_UPLOADS_AT_ONCE: i64 = 256;
 
-/// Largest upload that may be allowed and largest reserve, 1 TiB: a bound against a mistyped number.
+/// Largest valid upload limit and reserve, 1 TiB: a bound against a mistyped number.
 const MAX_BYTES: i64 = 1 << 40;
 
-/// Requests per second of one client, where the configuration does not say.
+/// Default requests per second of one client.
 const DEFAULT_REQUESTS_PER_S: f64 = 50.0;
 
-/// How long an upload may take in all, where the configuration does not say, min.
+/// Default limit on the total time of an upload, min.
 const DEFAULT_TOTAL_TIMEOUT_MIN: f64 = 720.0;
 
-/// What a token may do. Each also lets a client read its own session.
+/// Permission of a token. Each also lets a client read its own session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Scope {
-    /// Read what is stored.
+    /// Read stored data.
     Read,
-    /// Answer alarms, enter work, have exports read again.
+    /// Answer alarms, enter maintenance, request that exports are read again.
     Act,
-    /// Send exports, and ask what became of them.
+    /// Send exports, and query their outcomes.
     Upload,
 }
 
@@ -40,7 +40,7 @@ impl Scope {
     /// All scopes: those of `token_file`.
     pub const ALL: [Self; 3] = [Self::Read, Self::Act, Self::Upload];
 
-    /// As the configuration has it.
+    /// Name in the configuration.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -51,18 +51,18 @@ impl Scope {
     }
 }
 
-/// A token beside that of `token_file`.
+/// A token in addition to that of `token_file`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TokenSettings {
-    /// What it is called in refusals and in the log.
+    /// Its name in refusals and in the log.
     pub name: String,
-    /// File that holds it.
+    /// File that contains it.
     pub file: PathBuf,
-    /// What it may do, each once.
+    /// Its permissions, each once.
     pub scopes: Vec<Scope>,
 }
 
-/// Who may ask, and how much.
+/// Clients that may use HTTP, and their limits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClientSettings {
     /// Tokens with scopes; that of `token_file` may do everything.
@@ -77,38 +77,39 @@ impl Default for ClientSettings {
     }
 }
 
-/// What the daemon serves over HTTP.
+/// Settings of the HTTP server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServeSettings {
     /// Address to listen on.
     pub listen: SocketAddr,
     /// File with the token that clients must know; without it, the environment may give one.
     pub token_file: Option<PathBuf>,
-    /// Address of the dashboard for browsers, such as `https://plant.example/armwatch/`, if a proxy gives it another one
-    /// than `listen`; it ends with a slash.
+    /// Address of the dashboard for browsers, such as `https://plant.example/armwatch/`, if a proxy gives it another
+    /// one than `listen`; it ends with a slash.
     pub public_url: Option<String>,
-    /// Addresses of reverse proxies whose `X-Forwarded-For` says which client sent a request.
+    /// Addresses of reverse proxies whose `X-Forwarded-For` identifies the client of a request.
     pub trusted_proxies: Vec<IpAddr>,
-    /// Uploads, where they are taken.
+    /// Uploads, if they are accepted.
     pub upload: Option<UploadSettings>,
 }
 
-/// How exports are taken over HTTP.
+/// Settings of uploads over HTTP.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UploadSettings {
-    /// Folder that uploads go to; it is watched as the others are.
+    /// Folder of uploads; it is watched like the others.
     pub spool: PathBuf,
     /// Largest upload, bytes.
     pub max_bytes: u64,
     /// Most uploads at once.
     pub at_once: usize,
-    /// How long a client may send next to nothing.
+    /// Longest time that a client may send almost nothing.
     pub idle_timeout: Duration,
-    /// How long one request may take over what it sends, however fast.
+    /// Longest total time of one request.
     pub total_timeout: Duration,
-    /// Bytes that uploads leave free on the disks of the spool and the database; `None`: 5 % of each disk, at most 1 GiB.
+    /// Bytes that uploads leave free on the disks of the spool and the database; `None`: 5 % of each disk, at most 1
+    /// GiB.
     pub reserve_bytes: Option<u64>,
-    /// Whether exports are taken whose name says no robot of the configuration.
+    /// True if exports are accepted whose name gives no robot of the configuration.
     pub unknown_robots: bool,
 }
 
@@ -169,7 +170,7 @@ fn read_tokens(value: &Value<'_>) -> Option<Vec<TokenSettings>> {
         }
         Some(TokenSettings { name: name?, file: file?, scopes: scopes? })
     };
-    // all of them, so that every problem is told
+    // collect all of them, so that every problem is reported
     value.sections()?.into_iter().map(read).collect::<Vec<_>>().into_iter().collect()
 }
 

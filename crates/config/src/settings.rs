@@ -1,4 +1,4 @@
-//! What the configuration says, read and checked.
+//! The checked contents of the configuration.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,39 +19,39 @@ use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::robot::{JointIndex, Robot};
 
-/// Everything the program is told, read and checked.
+/// All settings of the program, read and checked.
 #[derive(Debug, Clone)]
 pub struct Config {
     /// Database file, or the address of one on a server.
     pub database: PathBuf,
-    /// What this daemon is among several on the database.
+    /// Identity of this daemon among several on the database.
     pub cluster: ClusterSettings,
     /// Folders to watch and how.
     pub watch: WatchSettings,
-    /// What the work may take.
+    /// Limits on the work.
     pub limits: WorkLimits,
-    /// What is served over HTTP; `None`: nothing.
+    /// The HTTP server; `None` for none.
     pub serve: Option<ServeSettings>,
-    /// Who may ask over HTTP, and how much.
+    /// Clients that may use HTTP, and their limits.
     pub clients: ClientSettings,
-    /// Where copies for readers are written; `None`: nowhere.
+    /// Path of copies for readers; `None` for no copies.
     pub snapshot: Option<SnapshotSettings>,
     /// How long factors of single cycles are kept.
     pub retention: RetentionSettings,
-    /// Who is told of alarms.
+    /// Receivers of alarms.
     pub alerts: AlertSettings,
-    /// How a file name gives robot and start time.
+    /// Rules that derive robot and start time from a file name.
     pub recognition: Recognition,
-    /// Which robots there are; the first entry whose pattern matches a robot's name is its own.
+    /// The robots; the first entry whose pattern matches a robot's name applies.
     pub fleet: Vec<FleetEntry>,
-    /// How a cycle is analysed.
+    /// Settings of a cycle's analysis.
     pub analysis: AnalysisSettings,
-    /// When a change counts as an anomaly.
+    /// Conditions for anomalies.
     pub detect: DetectSettings,
 }
 
 impl Config {
-    /// The database file; `None` where the database is on a server.
+    /// The database file; `None` if the database is on a server.
     #[must_use]
     pub fn database_file(&self) -> Option<&Path> {
         (!is_on_server(&self.database)).then_some(&*self.database)
@@ -69,8 +69,8 @@ impl Config {
         served.into_iter().chain(tokens).chain(files)
     }
 
-    /// The entry of the robot called `robot`: the first whose pattern matches the whole name, one for all its
-    /// files if there is one.
+    /// The entry of the robot called `robot`: the first whose pattern matches the whole name, preferably one for all
+    /// its files.
     #[must_use]
     pub fn robot_entry(&self, robot: &str) -> Option<&FleetEntry> {
         let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot));
@@ -78,7 +78,8 @@ impl Config {
         for_all.or_else(|| entries.next())
     }
 
-    /// Whether the name or the rows of an export of this robot say when it began, so that the time of its file does not.
+    /// Returns true if the name or the rows of an export of this robot give its start, so that the time of its file is
+    /// not needed.
     #[must_use]
     pub fn names_start(&self, robot: &str, file_name: &str) -> bool {
         self.recognition.recognise(file_name).is_ok_and(|named| named.started_at.is_some())
@@ -97,9 +98,9 @@ impl Config {
 }
 
 impl Config {
-    /// The part of a recording that a file name says; `None` if the file is a recording by itself.
+    /// The part of a recording in a file name; `None` if the file is a whole recording.
     ///
-    /// Without `[parts]` in the layout, numbered names are parts if they say one moment without the number too.
+    /// Without `[parts]` in the layout, numbered names are parts if they give one time without the number too.
     #[must_use]
     pub fn part_of(&self, file_name: &str) -> Option<PartName> {
         if self.fleet.iter().all(|entry| entry.layout.parts.is_none()) && numbered_part(file_name).is_none() {
@@ -115,8 +116,8 @@ impl Config {
         (whole.is_definite && whole == recognised).then_some(part)
     }
 
-    /// Whether an export gives the same rows for one robot and file name as for another, so that a copy under another name is
-    /// the same recording. Two layouts may read two arms of one export.
+    /// Returns true if an export gives the same rows for one robot and file name as for another, so that a copy under
+    /// another name is the same recording. Two layouts may read two arms of one export.
     #[must_use]
     pub fn reads_alike(&self, (robot, name): (&str, &str), (other, other_name): (&str, &str)) -> bool {
         let layout = |robot, name| self.export_entry(robot, name).map(|entry| &entry.layout);
@@ -124,7 +125,7 @@ impl Config {
         robot == other || of_other.is_none() || layout(robot, name) == of_other
     }
 
-    /// Whether some exports of `robot` have a torque of the joint; also of robots that no entry describes.
+    /// Returns true if some exports of `robot` have a torque of the joint; also for robots without an entry.
     #[must_use]
     pub fn has_torque(&self, robot: &str, joint: JointIndex) -> bool {
         let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot)).peekable();
@@ -137,24 +138,24 @@ impl Config {
 pub struct WatchSettings {
     /// Folders, searched with their subfolders.
     pub folders: Vec<PathBuf>,
-    /// Whether scans follow links that lead out of the watched folder.
+    /// True if scans follow links that lead out of the watched folder.
     pub follow_links: bool,
     /// Time between two scans.
     pub scan_interval: Duration,
-    /// How long a file's size and modification time must stand still before it is taken as done.
+    /// Time without change of a file's size and modification time after which it is complete.
     pub settle: Duration,
     /// Most exports that are read at once while they grow.
     pub live_files: usize,
-    /// What becomes of a run whose file is written over with another content.
+    /// Treatment of a run whose file is overwritten with another content.
     pub on_rewrite: RewritePolicy,
-    /// Folder that exports are moved to once they are stored; `None`: they stay.
+    /// Folder that receives stored exports; `None` if they stay.
     pub archive: Option<PathBuf>,
 }
 
-/// What the work may take, whatever the exports are.
+/// Limits on the work, independent of the exports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WorkLimits {
-    /// Settled exports that are read at once: so many small ones and so many large ones.
+    /// Most settled exports that are read at once: this many small ones and this many large ones.
     pub backlog_files: usize,
     /// From this size on disk an export is large, bytes.
     pub large_file_bytes: u64,
@@ -166,17 +167,17 @@ pub struct WorkLimits {
     pub cycles_bytes: usize,
 }
 
-/// What becomes of a complete run whose file is written over with another content.
+/// Treatment of a complete run whose file is overwritten with another content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RewritePolicy {
-    /// The new run takes its place; the old one is kept and takes no part in conclusions.
+    /// The new run supersedes the old one, which is kept and takes no part in conclusions.
     Supersede,
-    /// Both stand.
+    /// Both runs count.
     KeepBoth,
 }
 
 impl RewritePolicy {
-    /// Name as in the configuration.
+    /// Name in the configuration.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -186,12 +187,12 @@ impl RewritePolicy {
     }
 }
 
-/// How a file name gives robot and start time.
+/// Rules that derive robot and start time from a file name.
 #[derive(Debug, Clone)]
 pub struct Recognition {
-    /// Pattern over the file name with the named groups `robot` and, where given, `date` and `time`.
+    /// Pattern over the file name with the named groups `robot` and, optionally, `date` and `time`.
     pub file_name: regex::Regex,
-    /// How date and time are written.
+    /// Forms of date and time.
     pub formats: DateFormats,
     /// IANA time zone of date and time in file names.
     pub time_zone: String,
@@ -200,9 +201,9 @@ pub struct Recognition {
 /// Robots that share a description and a layout.
 #[derive(Debug, Clone)]
 pub struct FleetEntry {
-    /// Pattern over the whole robot name; `*` stands for any characters.
+    /// Pattern over the whole robot name; `*` matches any characters.
     pub robots: String,
-    /// Patterns over the file name of an export, with its endings, of which one must match; `None` for all files.
+    /// Patterns over the file name of an export, with its endings; one must match. `None` for all files.
     pub files: Option<FilePatterns>,
     /// The arm.
     pub description: Arc<Robot>,

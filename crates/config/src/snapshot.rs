@@ -8,7 +8,7 @@ use super::toml::table::{Table, Value};
 
 const DEFAULT_INTERVAL_MIN: f64 = 15.0;
 
-/// When the daemon writes a copy of what is stored, and where.
+/// Time and path of copies that the daemon writes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SnapshotSettings {
     /// The file, which is replaced each time.
@@ -17,7 +17,7 @@ pub struct SnapshotSettings {
     pub interval: Duration,
 }
 
-/// Reads `[snapshot]` beside `database`, where that is known; outer `None` after a problem, inner without the section.
+/// Reads `[snapshot]`, with `database` if that is known; outer `None` after a problem, inner without the section.
 pub(super) fn read_snapshot(
     table: Option<&Table<'_>>,
     database: Option<&str>,
@@ -43,8 +43,8 @@ fn read_file(value: &Value<'_>, database: Option<&str>) -> Option<PathBuf> {
     Some(file)
 }
 
-/// The one path of all that name a file, also where the file, or the folder that it is to lie in, is reached over a link,
-/// and where neither is there yet.
+/// The unique path of all that name a file, resolved even if the file or its folder is reached over a link, or does not
+/// exist yet.
 fn resolved(path: &Path) -> PathBuf {
     real(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()))
 }
@@ -82,7 +82,7 @@ mod tests {
             assert_eq!(resolved(&at(spelt)), database, "{spelt}");
         }
         assert_ne!(resolved(&at("data/copy.db")), database);
-        // before there is a file, or even its folder
+        // before the file or even its folder exists
         let new = resolved(&at("data/new.db"));
         for spelt in ["link/new.db", "none/../data/new.db"] {
             assert_eq!(resolved(&at(spelt)), new, "{spelt}");

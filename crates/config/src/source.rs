@@ -1,4 +1,4 @@
-//! Where the configuration comes from.
+//! Sources of the configuration.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -13,10 +13,10 @@ use armwatch_model::robot::Robot;
 /// Environment variable that names the configuration file.
 const VARIABLE: &str = "ARMWATCH_CONFIG";
 
-/// Looked for in the working directory, in this order.
+/// Paths in the working directory, in the order of the search.
 const PLACES: [&str; 2] = ["config/armwatch.toml", "armwatch.toml"];
 
-/// The shipped folder `config/`, carried in the program: a lone binary works in an empty folder.
+/// The shipped folder `config/`, embedded in the program: a single binary works in an empty folder.
 const SHIPPED: [(&str, &str); 6] = [
     ("config/armwatch.toml", include_str!("../../../config/armwatch.toml")),
     ("config/robots/er3a.toml", include_str!("../../../config/robots/er3a.toml")),
@@ -31,13 +31,13 @@ pub fn shipped_files() -> impl Iterator<Item = (&'static str, &'static str)> {
     SHIPPED.iter().chain(&EXAMPLES).map(|(name, text)| (name.strip_prefix("config/").unwrap_or(name), *text))
 }
 
-/// The layouts for exports of makers, by name. One that asks questions does not load.
+/// The layouts for exports of makers, by name. A layout with questions does not load.
 pub fn maker_layouts() -> impl Iterator<Item = (&'static str, &'static str)> {
     let stem = |name: &'static str| name.rsplit('/').next().and_then(|name| name.strip_suffix(".toml"));
     EXAMPLES.iter().skip(OWN_EXAMPLES).filter_map(move |(name, text)| Some((stem(name)?, *text)))
 }
 
-/// Layouts at the start of [`EXAMPLES`] that are of no maker.
+/// Layouts at the start of [`EXAMPLES`] that belong to no maker.
 const OWN_EXAMPLES: usize = 2;
 
 /// Layouts that the shipped configuration does not name.
@@ -60,7 +60,7 @@ const EXAMPLES: [(&str, &str); 16] = [
     ("config/exports/ur_rtde.toml", include_str!("../../../config/exports/ur_rtde.toml")),
 ];
 
-/// Where a configuration was found. Shown to people as `config/armwatch.toml (working directory)`.
+/// Source of a configuration. Displayed as `config/armwatch.toml (working directory)`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ConfigSource {
     /// A file named on the command line.
@@ -69,14 +69,13 @@ pub enum ConfigSource {
     Environment(PathBuf),
     /// A file found in the working directory.
     WorkingDirectory(PathBuf),
-    /// The one carried in the program.
+    /// The one embedded in the program.
     Shipped,
 }
 
 impl ConfigSource {
-    /// The first of: `argument`, what `ARMWATCH_CONFIG` says, `config/armwatch.toml`,
-    /// `armwatch.toml`, the shipped one. A file that was asked for by name is not skipped where it
-    /// is missing: reading it then says so.
+    /// The first of: `argument`, the value of `ARMWATCH_CONFIG`, `config/armwatch.toml`, `armwatch.toml`, the shipped
+    /// one. A missing file that was requested by name is not skipped: reading it then reports the error.
     #[must_use]
     pub fn locate(argument: Option<&Path>) -> Self {
         locate_in(Path::new(""), argument, std::env::var_os(VARIABLE).as_deref())
@@ -99,7 +98,7 @@ impl ConfigSource {
 
 impl ConfigSource {
     /// The description of the robot called `robot`, and nothing else: layouts and settings may be missing or wrong.
-    /// `None` where no entry is for it.
+    /// `None` if no entry applies to it.
     ///
     /// # Errors
     ///
@@ -135,8 +134,8 @@ impl Config {
         daemon_file::read(path, &files::read_text)
     }
 
-    /// The configuration carried in the program: database `armwatch.db`, watched folder `inbox`,
-    /// native exports of ER3A arms.
+    /// The configuration embedded in the program: database `armwatch.db`, watched folder `inbox`, native exports of
+    /// ER3A arms.
     ///
     /// # Errors
     ///
@@ -160,7 +159,7 @@ fn locate_in(folder: &Path, argument: Option<&Path>, variable: Option<&OsStr>) -
     if let Some(path) = argument {
         return ConfigSource::Argument(path.to_owned());
     }
-    // An empty variable is how shells and service files unset one.
+    // Shells and service files unset a variable by making it empty.
     if let Some(path) = variable.filter(|path| !path.is_empty()) {
         return ConfigSource::Environment(PathBuf::from(path));
     }

@@ -1,4 +1,4 @@
-//! What a configuration amounts to, for people.
+//! A summary of a configuration in words.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::snapshot::SnapshotSettings;
 use armwatch_model::analysis::finding::FindingKind;
 use armwatch_model::robot::{JointKind, Robot, TorqueSensors};
 
-/// What was read and which settings are in force, with units, one topic a paragraph.
+/// The files that were read and the settings in force, with units, one topic per paragraph.
 #[must_use]
 pub fn summary(config: &Config) -> String {
     let mut out = String::new();
@@ -100,7 +100,7 @@ fn kept(days: Option<f64>, then: &str) -> String {
     }
 }
 
-/// A size as people write it: `64 MiB`, `1.5 GiB`, `1000 bytes`.
+/// A size with a unit: `64 MiB`, `1.5 GiB`, `1000 bytes`.
 fn size(bytes: u64) -> String {
     let units = [(1_u64 << 40, "TiB"), (1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
     match units.into_iter().find(|(unit, _)| bytes >= *unit) {

@@ -1,4 +1,4 @@
-//! The lines of an export around a place, to show a person what was not understood.
+//! The lines of an export around a place, to show the text that was not understood.
 
 use std::io::{self, BufRead, BufReader, Read};
 use std::ops::Range;
@@ -9,11 +9,11 @@ use super::bytes::source;
 use super::rejection::Rejection;
 use armwatch_config::TextEncoding;
 
-/// Longest part of a line that is kept. Lines that are longer are refused by the reader, and a file
-/// without line ends must not fill the memory.
+/// Longest part of a line that is kept. The reader refuses longer lines, and a file without line ends must not fill the
+/// memory.
 const MAX_KEPT_BYTES: usize = 1 << 20;
 
-/// Separators that a header is tried with.
+/// Separators that are tried for a header.
 const DELIMITERS: [char; 5] = [',', ';', '\t', '|', ' '];
 
 /// A place in an export, with the lines around it.
@@ -23,23 +23,23 @@ pub struct Excerpt {
     pub byte: u64,
     /// Number of the first of `lines`, from 1.
     pub first_line: u64,
-    /// The lines, without their ends; what is not UTF-8 is replaced.
+    /// The lines, without their ends; invalid UTF-8 is replaced.
     pub lines: Vec<String>,
-    /// Which of `lines` the place is in, from 0.
+    /// Index of the place's line in `lines`, from 0.
     pub place: usize,
-    /// Characters of the cell in its line, where the column is found.
+    /// Characters of the cell in its line, if the column is found.
     pub cell: Option<Range<usize>>,
 }
 
-/// The place that a rejection points at with `around` lines before and after it; `None` if it names no line,
-/// or the file as it is now has none of this number within its first `most` decompressed bytes or cannot be read.
+/// The place of a rejection with `around` lines before and after it; `None` if it names no line, or the file does not
+/// contain this line within its first `most` decompressed bytes now or is unreadable.
 #[must_use]
 pub fn of_rejection(rejection: &Rejection, around: u64, most: u64) -> Option<Excerpt> {
     excerpt(&rejection.path, rejection.line?, rejection.column.as_deref(), around, most).ok().flatten()
 }
 
-/// Line `line` of the export at `path` with `around` lines before and after it, and the cell of the column
-/// that its header calls `column`, or that has this number. `None` if the file has fewer lines within its first `most`
+/// Line `line` of the export at `path` with `around` lines before and after it, and the cell of the column with the
+/// name `column` in its header, or with this number. `None` if the file has fewer lines within its first `most`
 /// decompressed bytes. Reads up to the place, in memory that does not grow with the file.
 ///
 /// # Errors
@@ -56,7 +56,7 @@ pub fn excerpt(
     let (mut header, mut kept, mut place_at) = (None, Vec::new(), None);
     let (mut byte, mut number) = (0_u64, 1_u64);
     let mut bytes = Vec::new();
-    // a stream that breaks off is shown as far as it goes
+    // a stream that breaks off is shown up to that point
     while let Ok(length @ 1..) = next_line(&mut reader, &mut bytes) {
         if header.is_none() && !bytes.trim_ascii().is_empty() {
             header = Some(String::from_utf8_lossy(&bytes).into_owned());
@@ -91,13 +91,13 @@ pub fn excerpt(
     }))
 }
 
-/// Bytes that the text before `end` takes in the file.
+/// Bytes of the text before `end` in the file.
 fn bytes_before(line: Option<&Vec<u8>>, end: usize, found: Found) -> u64 {
     line.and_then(|line| line.get(..end)).map_or(0, |text| found.bytes_in_file(text))
 }
 
-/// Takes a line into `line`, without its end, and returns the bytes that it takes in the file with it: 0 at the
-/// end of the file.
+/// Reads a line into `line`, without its end, and returns the bytes that it takes in the file including its end: 0 at
+/// the end of the file.
 pub(crate) fn next_line<R: Read>(
     reader: &mut BufReader<TextReader<R>>,
     line: &mut Vec<u8>,
@@ -110,7 +110,7 @@ pub(crate) fn next_line<R: Read>(
             filled => filled?,
         };
         let found = reader.get_ref().found();
-        // the same bytes once more
+        // the same bytes again
         let available = reader.fill_buf()?;
         if available.is_empty() {
             break;
@@ -131,7 +131,7 @@ pub(crate) fn next_line<R: Read>(
     Ok(length)
 }
 
-/// Bytes of the cell that stands under `column`: a name of the header or, in a file without one, a number.
+/// Bytes of the cell below `column`: a name of the header or, in a file without one, a number.
 fn cell(header: &str, column: &str, line: &[u8]) -> Option<Range<usize>> {
     let usual = DELIMITERS.into_iter().max_by_key(|delimiter| header.matches(*delimiter).count())?;
     let numbers = header.split(usual).all(|cell| cell.trim().replace(',', ".").parse::<f64>().is_ok());

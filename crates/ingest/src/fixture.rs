@@ -1,4 +1,4 @@
-//! What the tests of this room share: the native layout, the fixture files, and made exports.
+//! Shared parts of this crate's tests: the native layout, the fixture files, and generated exports.
 
 use std::path::{Path, PathBuf};
 
@@ -101,14 +101,14 @@ pub(super) fn with_blocks_of(block_bytes: usize) -> ReadOptions {
     ReadOptions { block_bytes }
 }
 
-/// A recording of numbers without meaning, the same each time.
+/// A recording of arbitrary numbers, the same each time.
 pub(super) fn made_recording(rows: usize) -> (RawSamples, String) {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     recording(rows, || random.random_range(-100.0..100.0))
 }
 
-/// A recording in the native layout: its samples and the export that says the same, with the
-/// shortest digits that give each number back.
+/// A recording in the native layout: its samples and an export with the same content, with the shortest digits that
+/// represent each number exactly.
 pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (RawSamples, String) {
     let joints = 0..6;
     let mut channel =

@@ -1,17 +1,15 @@
-//! The world to samples: folders are watched and scanned, settled exports are opened, identified by
-//! content and read into [`armwatch_model::run::Samples`] in SI, or turned away with a
-//! [`rejection::Rejection`].
+//! Reads recordings as samples: folders are watched and scanned, settled exports are opened, identified by content and
+//! read into [`armwatch_model::run::Samples`] in SI units, or refused with a [`rejection::Rejection`].
 //!
-//! [`find`] says which files there are and when a writer has finished. [`bytes`] identifies an export by its content,
-//! opens plain, compressed and growing ones, makes text of Parquet files and MCAP bags, and cuts UTF-8 at line ends.
-//! [`table`] finds header and columns, reads sound blocks of rows in one pass and others cell by cell, and turns columns
-//! into SI. [`infer`] proposes a layout for
-//! exports that have none. [`excerpt`] shows the place where an export was not understood.
+//! [`find`] finds files and decides when a writer has finished. [`bytes`] identifies an export by its content, opens
+//! plain, compressed and growing ones, converts Parquet files and MCAP bags to text, and cuts UTF-8 at line ends.
+//! [`table`] finds header and columns, reads valid blocks of rows in one pass and others cell by cell, and converts
+//! columns to SI units. [`infer`] proposes a layout for exports that have none. [`excerpt`] shows the place of a fault
+//! in an export.
 //!
-//! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
-//! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
-//! and number formats end in here. Nothing but this module names notify, flate2, zstd, mcap,
-//! encoding_rs or blake3.
+//! Three rules hold in this crate. A file is understood as a whole or not at all: any deviation becomes a rejection
+//! with line, column, value and remedy. Foreign units, signs and number formats are converted here. Only this crate
+//! uses notify, flate2, zstd, mcap, encoding_rs or blake3.
 
 pub mod bytes;
 pub mod find;

@@ -1,14 +1,14 @@
-//! Why an export was not understood, and what a person can do about it.
+//! Why an export was not understood, and the remedy.
 
 use std::path::Path;
 use std::{fmt, io};
 
 use armwatch_model::text;
 
-/// Longest value shown in a message, in characters; a damaged line may hold megabytes.
+/// Longest value shown in a message, in characters; a damaged line may contain megabytes.
 const SHOWN_VALUE_CHARS: usize = 60;
 
-/// An export that is not understood: where, what, why and the remedy.
+/// An export that is not understood: place, value, reason and remedy.
 ///
 /// Displayed as `R01.csv, line 1234, column trq_3: "abc" is not a number; export again or correct
 /// the cell`.
@@ -22,15 +22,15 @@ pub struct Rejection {
     pub byte: Option<u64>,
     /// Column name in the header.
     pub column: Option<Box<str>>,
-    /// What stands there.
+    /// Text at this place.
     pub value: Option<Box<str>>,
-    /// What is wrong, short; where there is a value, it completes the sentence "value is ..".
+    /// The fault, short; if there is a value, it completes the sentence "value is ..".
     pub reason: Box<str>,
-    /// What to do.
+    /// The remedy.
     pub remedy: Box<str>,
-    /// Whether the system refused to read the file, which says nothing of its content: it is read again later.
+    /// True if the system refused to read the file, for a reason unrelated to its content: it is read again later.
     pub is_passing: bool,
-    /// Whether it is one row that is not understood, which a layout may let be passed over.
+    /// True if only one row is not understood, which a layout may permit to skip.
     pub is_bad_row: bool,
 }
 
@@ -51,21 +51,21 @@ impl Rejection {
         }
     }
 
-    /// The same at a line, from 1.
+    /// Adds a line, from 1.
     #[must_use]
     pub fn at_line(mut self, line: u64) -> Self {
         self.line = Some(line);
         self
     }
 
-    /// The same in a line that begins at this byte, from 0.
+    /// Adds the offset of the line's first byte, from 0.
     #[must_use]
     pub fn at_byte(mut self, byte: u64) -> Self {
         self.byte = Some(byte);
         self
     }
 
-    /// The same of a header that stands further down, at `line`, below lines of other text.
+    /// Changes the line of a header that is further down, at `line`, below lines of other text.
     #[must_use]
     pub(super) fn with_header_at(mut self, line: u64) -> Self {
         let lines = line.saturating_sub(1);
@@ -75,14 +75,14 @@ impl Rejection {
         self
     }
 
-    /// The same in a column.
+    /// Adds a column.
     #[must_use]
     pub fn in_column(mut self, column: &str) -> Self {
         self.column = Some(shortened(column).into());
         self
     }
 
-    /// The same with the value that stands there, shortened where it is very long.
+    /// Adds the value at the place, shortened if it is very long.
     #[must_use]
     pub fn with_value(mut self, value: &str) -> Self {
         self.value = Some(shortened(value).into());
@@ -95,7 +95,7 @@ impl Rejection {
         Self::of_file(path, sentence, "")
     }
 
-    /// Place, fault and remedy without the file, as it stands in the ledger beside the file's name.
+    /// Place, fault and remedy without the file, as stored in the ledger next to the file's name.
     #[must_use]
     pub fn sentence(&self) -> String {
         let places = self.places();
@@ -123,8 +123,8 @@ impl Rejection {
         format!("{}{}{remedy}{}", value.unwrap_or_default(), self.reason, byte.unwrap_or_default())
     }
 
-    /// A rejection from a failed read, with the explanation that [`super::bytes::source`] gave the error
-    /// where there is one. What the operating system refuses may pass.
+    /// A rejection from a failed read, with the explanation that [`super::bytes::source`] gave the error, if any. An
+    /// error of the operating system may be temporary.
     #[must_use]
     pub fn from_io(path: &Path, error: &io::Error) -> Self {
         if let Some(known) = error.get_ref().and_then(|inner| inner.downcast_ref::<Unreadable>()) {
@@ -156,8 +156,7 @@ impl fmt::Display for Rejection {
     }
 }
 
-/// A stream that cannot be read to its end; travels inside an [`io::Error`], because
-/// [`io::Read`] has no other way to say it.
+/// A stream that cannot be read to its end; wrapped in an [`io::Error`], the only error type of [`io::Read`].
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{reason}; {remedy}")]
 pub(crate) struct Unreadable {

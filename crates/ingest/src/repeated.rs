@@ -9,9 +9,9 @@ use super::excerpt::next_line;
 use super::rejection::Rejection;
 use armwatch_config::TextEncoding;
 
-/// The rejection of a row whose time is earlier than that of the row before. If the same row stands further up in the file, a
-/// part of the recording was sent again, and the rejection names both parts. Other rejections stay as they are. Reads up
-/// to the place, at most `most` decompressed bytes, in memory that does not grow with the file.
+/// Explains the rejection of a row whose time is earlier than that of the row before. If the same row is further up in
+/// the file, a part of the recording was sent again, and the rejection names both parts. Other rejections are
+/// unchanged. Reads up to the place, at most `most` decompressed bytes, in memory that does not grow with the file.
 #[must_use]
 pub fn explained(rejection: Rejection, most: u64) -> Rejection {
     let is_backwards = rejection.reason.ends_with("time runs backwards");
@@ -36,7 +36,8 @@ pub fn explained(rejection: Rejection, most: u64) -> Rejection {
     }
 }
 
-/// The last line before `line` that is equal to it, and how many lines from there on are repeated from `line` on.
+/// The last line before `line` that is equal to it, and the number of lines from there on that are repeated from `line`
+/// on.
 fn original(path: &Path, line: u64, most: u64) -> Option<(u64, u64)> {
     let row = Lines::from(path, line, most)?.next()?;
     let before = (1..line).zip(Lines::from(path, 1, most)?);
@@ -46,11 +47,11 @@ fn original(path: &Path, line: u64, most: u64) -> Option<(u64, u64)> {
     Some((first, rows as u64))
 }
 
-/// The lines of an export from one on, without their ends.
+/// The lines of an export from one of them on, without their ends.
 struct Lines(BufReader<TextReader<Box<dyn std::io::Read + Send>>>);
 
 impl Lines {
-    /// `None` for a file that cannot be read, or has fewer lines.
+    /// Returns `None` for an unreadable file, or one with fewer lines.
     fn from(path: &Path, line: u64, most: u64) -> Option<Self> {
         let reader = source::open_hashing_up_to(path, most).ok()?.0;
         let mut lines = Self(BufReader::new(TextReader::new(reader, TextEncoding::Auto)));

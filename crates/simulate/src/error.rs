@@ -9,7 +9,7 @@ use armwatch_model::robot::{JointIndex, MAX_JOINTS};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimulateError {
-    /// The description says nothing of a joint's dynamics.
+    /// The description contains no dynamics of a joint.
     #[error(
         "joint {joint} has no nominal parameters, and there is nothing to simulate without them; add a nominal \
          section to joint {joint} in the robot description: ten inertial parameters, motor inertia, warm friction \
@@ -19,7 +19,7 @@ pub enum SimulateError {
         /// The joint.
         joint: JointIndex,
     },
-    /// The description says nothing of a spring or crank but its place.
+    /// The description gives only the position of a spring or crank.
     #[error(
         "a spring, counterbalance or crank of joint {joint} has no numbers, and there is nothing to simulate without them; \
          add stiffness and rest, stiffness and pull, or the crank's mass, centre and inertia in the robot description"
@@ -87,7 +87,7 @@ pub enum SimulateError {
     Point {
         /// Its number, from 1.
         point: usize,
-        /// What is wrong with it.
+        /// The reason.
         problem: String,
     },
     /// A level that the description does not have.
@@ -95,7 +95,7 @@ pub enum SimulateError {
         "there is no speed level {level}; the robot description has the levels 1 to {levels} (speed_levels)"
     )]
     NoSuchLevel {
-        /// The level that was asked for.
+        /// The requested level.
         level: u8,
         /// Levels of the description.
         levels: usize,
@@ -107,7 +107,7 @@ pub enum SimulateError {
         key: &'static str,
         /// Its value.
         value: String,
-        /// What is possible.
+        /// The valid values.
         hint: &'static str,
     },
     /// A file could not be written.

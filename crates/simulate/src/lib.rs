@@ -1,4 +1,4 @@
-//! Exports of an arm that does not exist: known motion, dynamics, friction and faults.
+//! Exports of a virtual arm: known motion, dynamics, friction and faults.
 //!
 //! Nothing here uses the identifier's formulas, so that one checks the other.
 
@@ -42,25 +42,25 @@ use armwatch_model::robot::{Joint, JointIndex, MAX_JOINTS, NominalJoint, Robot, 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
 
-/// Random stream of the daily scatter of friction, far from those of runs, cycles and units.
+/// Random stream of the daily scatter of friction, far from those of runs, cycles and individual arms.
 const DAY_STREAM: u64 = 1 << 42;
 /// Speed of the rise of friction in the truth, as a fraction of the largest: that of thesis Table N.1.
 const WEAR_SPEED: f64 = 0.6;
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SimulationProgress {
     /// Cycle being written, from 1.
     pub cycle: u32,
-    /// Cycles in all.
+    /// Total number of cycles.
     pub cycles: u32,
     /// Rows written.
     pub rows: u64,
-    /// Rows in all.
+    /// Total number of rows.
     pub rows_total: u64,
 }
 
-/// What a simulated run left on disk.
+/// Files of a simulated run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunFiles {
     /// The export.
@@ -75,13 +75,13 @@ pub struct RunFiles {
 
 /// Writes the export of run `run_index`, counted from 0, and its truth file.
 ///
-/// The truth file is complete before the export shows; that of an export that grows, when the export has ended. The
-/// folder `out_dir` is made if it is missing. `progress` hears every ten thousand rows and the end; of an export that
-/// grows ten times a second of its time, when the rows until then are in the file.
+/// The truth file is complete before the export appears; for a growing export, when the export has ended. The folder
+/// `out_dir` is created if it is missing. `progress` is called every ten thousand rows and at the end; for a growing
+/// export ten times per second of its time, when the rows until then are in the file.
 ///
 /// # Errors
-/// [`SimulateError`]: a description that cannot be simulated, a setting out of range, a file that
-/// cannot be written. No half export is left behind, but of one that grows.
+/// [`SimulateError`]: a description that cannot be simulated, a setting out of range, a file that cannot be written. No
+/// partial export is left behind, except a growing one.
 pub fn simulate_run(
     robot: &Robot,
     settings: &SimulationSettings,
@@ -116,10 +116,10 @@ pub fn simulate_run(
     Ok(RunFiles { export, truth, started_at, rows: recording.rows() })
 }
 
-/// Hands each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes.
+/// Passes each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes.
 ///
 /// # Errors
-/// As [`recording_of_run`].
+/// Those of [`recording_of_run`].
 pub fn rows_of_run(
     robot: &Robot,
     settings: &SimulationSettings,
@@ -145,10 +145,10 @@ pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: 
     format!("{robot_name}_{start}_Col{columns}_{warming_s:.0}s_cycle{cycles}")
 }
 
-/// Everything that decides the rows of a run, noise apart.
+/// Everything that determines the rows of a run, except noise.
 ///
 /// # Errors
-/// As [`simulate_run`], without those of files.
+/// Those of [`simulate_run`], without those of files.
 pub fn recording_of_run(
     robot: &Robot,
     settings: &SimulationSettings,
@@ -157,7 +157,7 @@ pub fn recording_of_run(
     recording_of_unit(&drawn_unit(robot, settings), settings, run_index)
 }
 
-/// The arm of these settings among those of its model.
+/// The individual arm of these settings.
 fn drawn_unit(model: &Robot, settings: &SimulationSettings) -> Robot {
     match settings.unit_spread.is_none() {
         true => model.clone(),
@@ -165,7 +165,7 @@ fn drawn_unit(model: &Robot, settings: &SimulationSettings) -> Robot {
     }
 }
 
-/// The cycle that is driven.
+/// The cycle of the test.
 fn plan_settings(settings: &SimulationSettings) -> PlanSettings {
     PlanSettings {
         warming_s: settings.warming_s,
@@ -231,7 +231,7 @@ fn recording_of_unit(
     })
 }
 
-/// Friction of a joint on the day of a run, as a multiple of its usual one.
+/// Friction of a joint on the day of a run, as a multiple of its usual friction.
 fn day_factor(settings: &SimulationSettings, run_index: u32, joint: JointIndex) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(robot_seed(settings));
     rng.set_stream(DAY_STREAM + u64::from(run_index));
@@ -320,7 +320,7 @@ fn ripple_truth(asked: &RippleOrder, friction: &JointFriction) -> RippleTruth {
     RippleTruth { order: asked.order, amplitude_nm: asked.part * friction.warm[0].abs() }
 }
 
-/// Rise of warm friction by wear, a fraction, at [`WEAR_SPEED`] of the largest speed, without that of loads.
+/// Increase of warm friction by wear, a fraction, at [`WEAR_SPEED`] of the largest speed, without that by loads.
 fn worn_by(joint: &Joint, nominal: &NominalJoint, worn: &Wear) -> f64 {
     let speed = WEAR_SPEED * joint.limits.velocity;
     let at = |worn: &Wear| joint_friction(joint, nominal, (0.0, 0.0), worn).warm_torque(speed);
@@ -365,7 +365,7 @@ fn start_of_run(settings: &SimulationSettings, run_index: u32) -> Result<Timesta
     })
 }
 
-/// Streams of the random generator: one of noise and one of ambient a run.
+/// Streams of the random generator: one for noise and one for ambient temperature per run.
 fn noise_stream(run_index: u32) -> u64 {
     2 * u64::from(run_index)
 }
@@ -377,8 +377,8 @@ fn ambient_offset(settings: &SimulationSettings, run_index: u32) -> f64 {
     settings.ambient_offset_k + settings.ambient_std_k * deviation
 }
 
-/// Two robots of one seed must not share their noise. FNV-1a stays the same over versions and
-/// machines, which the standard hasher does not promise.
+/// Separates the noise of robots with the same seed. FNV-1a is the same in all versions and on all machines, which the
+/// standard hasher does not guarantee.
 fn robot_seed(settings: &SimulationSettings) -> u64 {
     let fnv = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
     settings.seed ^ settings.robot_name.bytes().fold(0xcbf2_9ce4_8422_2325, fnv)

@@ -1,4 +1,4 @@
-//! What to simulate: one robot over its runs, and what of that is possible.
+//! Settings of a simulation, one robot over its runs, and their validity.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -20,27 +20,27 @@ use armwatch_model::robot::{JointIndex, Robot};
 
 /// Sample rates that an export carries: time has four decimals.
 const SAMPLE_RATE_HZ: [f64; 2] = [10.0, 5000.0];
-/// Start of the first run unless said otherwise, 2026-01-05T08:47:00Z: file names of 1970 are not believed.
+/// Start of the first run by default, 2026-01-05T08:47:00Z: file names of 1970 are implausible.
 const FIRST_START: Timestamp = Timestamp::constant(1_767_602_820, 0);
 
-/// What to simulate: one robot over its runs.
+/// Settings of a simulation: one robot over its runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulationSettings {
     /// Name of the individual robot, such as `R01`; begins the file name.
     pub robot_name: String,
-    /// Everything random follows from it, from the robot's name and from the run.
+    /// Seed of all random values, together with the robot's name and the run.
     pub seed: u64,
-    /// Rows a second, Hz; 10 to 5000.
+    /// Rows per second, Hz; 10 to 5000.
     pub sample_rate_hz: f64,
     /// How the instants of rows follow each other.
     pub clock: Clock,
     /// Cycles of a run.
     pub cycles: u32,
-    /// Duration of each warming stage, s; 0 leaves it out.
+    /// Duration of each warming stage, s; 0 omits it.
     pub warming_s: f64,
-    /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
+    /// Speed levels of the friction stage, from 1; `None` for all of the description. An empty list omits the stage.
     pub levels: Option<Vec<u8>>,
-    /// What the excitation stage is made of.
+    /// Parts of the excitation stage.
     pub excitation: ExcitationParts,
     /// Posture of the joints that hold still in the friction stage.
     pub posture: FrictionPosture,
@@ -57,41 +57,41 @@ pub struct SimulationSettings {
     pub interval: Duration,
     /// Faults that the robot develops.
     pub faults: Vec<Fault>,
-    /// Whether exports are compressed.
+    /// True if exports are compressed.
     pub gzip: bool,
     /// Time between the cold start and the first row of each run, s.
     pub initial_warm_s: f64,
-    /// Mean ambient temperature against the usual one, K.
+    /// Difference between the mean ambient temperature and the usual one, K.
     pub ambient_offset_k: f64,
     /// Standard deviation of the ambient temperature from run to run, K.
     pub ambient_std_k: f64,
-    /// The hall over year and day.
+    /// Variation of the ambient temperature over year and day.
     pub hall: HallSettings,
-    /// Hours in which the arm works beside its tests, from which it is warm; in place of `initial_warm_s`.
+    /// Working hours in addition to tests, which warm the arm; replaces `initial_warm_s`.
     pub work: Option<WorkingHours>,
-    /// How far this unit may be from its model.
+    /// Spread of this individual arm around its model.
     pub unit_spread: UnitSpread,
     /// Errors of the position and velocity signals.
     pub sensors: SensorSettings,
-    /// Folder of the truth files; beside the exports if `None`.
+    /// Folder of the truth files; next to the exports if `None`.
     pub truth_dir: Option<PathBuf>,
-    /// What gearboxes lose.
+    /// Form of the gearboxes' friction.
     pub friction: FrictionShape,
-    /// What warms them.
+    /// Heat source of the gearboxes.
     pub heating: Heating,
-    /// Ripples of the torque with the motor's angle, in place of those of the shape; four at most.
+    /// Ripples of the torque with the motor's angle, instead of those of the shape; four at most.
     pub ripples: Option<Vec<RippleOrder>>,
-    /// Part by which friction is larger in a joint's positive direction and smaller in its negative one.
+    /// Excess of friction in a joint's positive direction, as a fraction; the negative direction has as much less.
     pub friction_direction: f64,
-    /// Friction for each Nm (N) that a gear carries.
+    /// Friction per Nm (N) that a gear carries.
     pub friction_load: f64,
-    /// Part of the power that gears transmit to the load at speed, 0.5 to 1, apart from friction without load.
+    /// Fraction of the power that gears transmit to the load at speed, 0.5 to 1, in addition to friction without load.
     pub gear_efficiency: f64,
     /// Standard deviation of the friction of each joint from run to run, as a fraction.
     pub friction_day: f64,
-    /// Stiffness of gears that bend, Nm/rad (N/m): see `simulate::elastic`. The planned motion is that of the links then.
+    /// Stiffness of elastic gears, Nm/rad (N/m): see `simulate::elastic`. The planned motion is that of the links then.
     pub stiffness: Vec<(JointIndex, f64)>,
-    /// Whether the export is written under its own name from its first row on, as a controller does that is watched.
+    /// True if the export has its final name from its first row on, like that of a watched controller.
     pub grows: bool,
     /// Body that the tool frame carries.
     pub load: Option<Load>,
@@ -146,14 +146,14 @@ impl Default for SimulationSettings {
 }
 
 impl SimulationSettings {
-    /// A test as the source made it: 24 cycles at 250 Hz with 180 s of warming.
+    /// A test like that of the source: 24 cycles at 250 Hz with 180 s of warming.
     #[must_use]
     pub fn full_test() -> Self {
         Self { sample_rate_hz: 250.0, cycles: 24, warming_s: 180.0, ..Self::default() }
     }
 }
 
-/// What of the settings no recording can have, or the arm has not.
+/// Settings that no recording can have, or that the arm does not support.
 pub(super) fn check(robot: &Robot, settings: &SimulationSettings) -> Result<(), SimulateError> {
     let setting = |key, value: String, hint| Err(SimulateError::Setting { key, value, hint });
     let name = &settings.robot_name;
@@ -204,7 +204,7 @@ pub(super) fn check(robot: &Robot, settings: &SimulationSettings) -> Result<(), 
     if let Some((key, value)) = not_negative.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
         return setting(key, value.to_string(), "it must be 0 or more");
     }
-    // the motion of a cycle that began before it is at rest would jump
+    // the motion of a cycle that began before the previous one is at rest would jump
     let rest_s = trajectory::REST_S + settings.rest_s;
     if settings.servo.settled_after() > rest_s {
         let ServoSettings { lag_s, delay_s } = settings.servo;

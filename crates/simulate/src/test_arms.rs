@@ -1,8 +1,8 @@
-//! Arms that several tests of the simulator move.
+//! Arms for tests of the simulator.
 
 use armwatch_model::robot::{FourierExcitation, Joint, JointKind, JointLimits, Robot, WarmUpShape};
 
-/// The ER3A without an excitation of its own, and with round friction.
+/// The ER3A without its own excitation, and with round friction values.
 pub fn er3a() -> Robot {
     let mut robot = armwatch_testing::er3a();
     robot.excitation = None;
@@ -32,14 +32,14 @@ pub fn er3a_with_excitation() -> Robot {
     Robot { excitation: Some(excitation), ..er3a() }
 }
 
-/// A single turning joint.
+/// A single revolute joint.
 pub fn one_joint() -> Robot {
     let mut robot = er3a();
     robot.joints.truncate(1);
     robot
 }
 
-/// The ER3A on a linear axis, with two more turning joints behind its flange.
+/// The ER3A on a linear axis, with two more revolute joints after its flange.
 pub fn nine_joints() -> Robot {
     let mut robot = er3a();
     let slide = Joint {

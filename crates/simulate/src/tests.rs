@@ -1,4 +1,4 @@
-//! Whole runs: what is in the files, and how it follows from the settings.
+//! Tests of whole runs: contents of the files, and their dependence on the settings.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -116,7 +116,7 @@ fn a_seed_gives_the_same_bytes_and_another_seed_others() {
 
 #[test]
 fn recorded_torque_on_plateaus_is_the_stated_friction_where_gravity_does_no_work() {
-    // Joint 1 stands upright: its plateau torque is friction alone, apart from ripple and noise.
+    // Joint 1 is vertical: its plateau torque is friction alone, apart from ripple and noise.
     let (_folder, files) = simulate(&er3a_with_excitation(), &quick(), 0);
     let table = Table::read(&files.export);
     let truth = truth_of(&files);
@@ -280,7 +280,7 @@ fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked
         let mean_of = |products: &mut dyn Iterator<Item = f64>| products.sum::<f64>() / noise.len() as f64;
         let variance = mean_of(&mut noise.iter().map(|x| x * x));
         let lagged = mean_of(&mut noise.windows(2).map(|pair| pair[0] * pair[1]));
-        // some thousand rows, of which each ninth is independent at 0.8: a few per cent
+        // some thousand rows, of which one in nine is independent at 0.8: a few per cent
         assert!(noise.len() > 4000, "{}", noise.len());
         assert!((lagged / variance - correlation).abs() < 0.06, "{correlation}: {}", lagged / variance);
         let stated = robot.joints[0].nominal.unwrap().torque_noise;
@@ -291,7 +291,7 @@ fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked
     assert!(simulate_run(&robot, &odd, 0, folder.path(), &mut |_| ()).is_err(), "no joint 4");
 }
 
-/// Rows of one channel, with noise and steps of every sensor taken away.
+/// Rows of one channel, without noise and steps of all sensors.
 fn silent(robot: &Robot, change: impl Fn(&mut SimulationSettings)) -> Vec<RecordedRow> {
     let mut robot = robot.clone();
     robot.joints.iter_mut().for_each(|joint| joint.nominal.as_mut().unwrap().torque_noise = 0.0);
@@ -338,7 +338,7 @@ fn a_controller_that_is_late_records_the_motion_it_makes() {
             assert!((late[k].position[j] - plain[k - 2].position[j]).abs() < 1e-9, "row {k}");
         }
     }
-    // a cycle must not begin while the arm is still in the one before
+    // a cycle must not begin before the arm has finished the previous one
     let far_behind = ServoSettings { lag_s: 0.15, delay_s: 0.1 };
     let settings = |rest_s: f64| SimulationSettings { servo: far_behind, rest_s, ..quick() };
     assert!(settings::check(&robot, &settings(0.0)).is_err());
@@ -375,7 +375,7 @@ fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
         own.map(|of| ["torque_positive_nm", "torque_negative_nm"].map(|key| of[key].as_f64().unwrap()))
             .collect()
     };
-    // joint 1 stands upright: at constant speed it carries next to nothing
+    // joint 1 is vertical: at constant speed it carries almost nothing
     for [up, down] in both(1) {
         assert!((up / -down / 1.5 - 1.0).abs() < 0.03, "{up} {down}");
     }
@@ -391,7 +391,7 @@ fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
     }
     let joint = &plain["joints"][0];
     assert!(joint["friction_direction"].is_null() && joint["friction_load"].is_null(), "{joint}");
-    // what is not asked for leaves truth files as they were
+    // settings that are not used leave truth files unchanged
     assert!(joint["ripples"].is_null());
     for key in ["following_lag_s", "command_delay_s", "torque_step_nm", "torque_hum_hz_nm", "heating_by_work"]
     {
@@ -410,7 +410,7 @@ fn gears_cool_at_rest_where_they_warm_by_work() {
     };
     let (clock, work) = (multipliers(Heating::Time, 0.0), multipliers(Heating::Work, 0.0));
     for (clock, work) in clock.iter().zip(&work) {
-        // a cold gear loses more than usual and warms a little sooner
+        // a cold gear loses more than usual and warms slightly sooner
         assert!(clock - work < 0.1 && *work <= clock + 1e-9, "{work} {clock}");
     }
     let rested = multipliers(Heating::Work, 1800.0);

@@ -1,7 +1,7 @@
-//! How near the links of an arm come to each other and to what stands around them.
+//! Distances between the links of an arm, and between links and obstacles.
 //!
-//! Links are capsules, so that a distance is that between two lines, or a line and an obstacle, less the radii. Where
-//! two lines cross, the distance is that of touching lines: deeper than the radii, nothing is told.
+//! Links are capsules, so that a distance is that between two lines, or a line and an obstacle, minus the radii. If two
+//! lines cross, the distance is that of touching lines: a deeper overlap than the radii is not measured.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use parry3d_f64::math::{Pose, Rotation, Vector};
@@ -16,28 +16,28 @@ use armwatch_model::robot::{
     Capsule, Cell, FourierExcitation, JointKind, MAX_JOINTS, ObstacleForm, Robot, Transform,
 };
 
-/// Instants a second at which a motion is looked at.
+/// Instants per second at which a motion is checked.
 const CHECK_RATE_HZ: f64 = 1000.0;
 
-/// Largest travel of a joint between two postures that are looked at, between samples: rad (m).
+/// Largest travel of a joint between two checked postures, between samples: rad (m).
 const LARGEST_STEP: f64 = 0.005;
 
-/// Distances beyond this are of no interest, m.
+/// Distances beyond this are ignored, m.
 const FAR_M: f64 = 100.0;
 
-/// Lines nearer than this cross, m.
+/// Lines closer than this cross, m.
 const CROSSING_M: f64 = 1e-9;
 
-/// A distance that a motion keeps.
+/// A distance that a motion must keep.
 #[derive(Debug, Clone)]
 pub struct ClearanceLimit {
-    /// What is kept apart.
+    /// The pairs that must keep it.
     pub clearance: Clearance,
     /// Least distance, m.
     pub distance: f64,
 }
 
-/// What of an arm is kept apart from what.
+/// Pairs of an arm's links, and of links and obstacles, that must keep a distance.
 #[derive(Debug, Clone, Default)]
 pub struct Clearance {
     capsules: Vec<Capsule>,
@@ -45,7 +45,7 @@ pub struct Clearance {
     pairs: Vec<Pair>,
 }
 
-/// An obstacle, ready to be asked for distances.
+/// An obstacle, prepared for distance queries.
 #[derive(Debug, Clone)]
 struct Solid {
     name: String,
@@ -60,7 +60,7 @@ enum SolidForm {
     Cylinder(Pose, Cylinder),
 }
 
-/// A capsule and what it is kept from.
+/// A capsule and its counterpart.
 #[derive(Debug, Clone, Copy)]
 struct Pair {
     capsule: usize,
@@ -76,30 +76,29 @@ enum Other {
 /// A pair at one posture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Near {
-    /// Its number: see [`Clearance::name`].
+    /// Its index: see [`Clearance::name`].
     pub pair: usize,
     /// Distance between surfaces, m; negative where they intersect.
     pub distance: f64,
-    /// Its slope along the joints' positions, m/rad (1 for a sliding joint).
+    /// Its derivative with respect to the joints' positions, m/rad (1 for a prismatic joint).
     pub slope: [f64; MAX_JOINTS],
 }
 
-/// A pair at the instant of a motion where it is nearest.
+/// The smallest distance of a pair during a motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// Its number: see [`Clearance::name`].
+    /// Its index: see [`Clearance::name`].
     pub pair: usize,
     /// Distance, m.
     pub distance: f64,
-    /// What the distance is not below between the instants that are looked at either, m.
+    /// Lower bound of the distance that also holds between the checked instants, m.
     pub at_least: f64,
-    /// When, s.
+    /// Time of the smallest distance, s.
     pub time: f64,
 }
 
 impl Clearance {
-    /// What the description of `robot` and its `cell` keep apart: pairs of links, and every link that moves from every
-    /// obstacle.
+    /// Pairs from the description of `robot` and its `cell`: pairs of links, and every moving link with every obstacle.
     #[must_use]
     pub fn new(robot: &Robot, cell: &Cell) -> Self {
         let capsules = &robot.shape.capsules;
@@ -121,13 +120,13 @@ impl Clearance {
         Self { capsules: capsules.clone(), obstacles: cell.obstacles.iter().map(solid).collect(), pairs }
     }
 
-    /// Whether nothing is kept apart.
+    /// Returns true if there are no pairs.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    /// What a pair is of, such as `link 2 and link 5`, `link 3 and floor`.
+    /// Name of a pair, such as `link 2 and link 5`, `link 3 and floor`.
     ///
     /// # Panics
     /// If there is no such pair.
@@ -191,8 +190,8 @@ impl Clearance {
         }
     }
 
-    /// Farthest that any capsule can be from each joint's axis, m; 1 for a joint that slides: how fast its points move
-    /// at most for a speed of 1.
+    /// Largest distance of any capsule from each joint's axis, m; 1 for a prismatic joint: the largest speed of its
+    /// points at a joint speed of 1.
     fn levers(&self, robot: &Robot) -> Vec<f64> {
         let lengths: Vec<f64> = robot
             .joints
@@ -231,7 +230,7 @@ impl SolidForm {
             }
             ObstacleForm::Cylinder { ends, radius } => {
                 let axis = ends[1] - ends[0];
-                // the cylinder of the library lies along y: z is taken to the axis, and y to z before
+                // the library's cylinder lies along y: first y is rotated to z, then z to the axis
                 let upright =
                     Transform::z_to(&axis.normalize()).then(&Transform::about_x(std::f64::consts::FRAC_PI_2));
                 let place = Transform { translation: 0.5 * (ends[0] + ends[1]), ..upright };
@@ -273,7 +272,7 @@ impl SolidForm {
     }
 }
 
-/// A line that crosses an obstacle: it touches, and leaves away from the obstacle's middle.
+/// A line that crosses an obstacle: the distance is zero, and the direction leads away from the obstacle's middle.
 fn crossing(ends: &[Vector3<f64>; 2], place: &Pose) -> (f64, [Vector3<f64>; 2], Vector3<f64>) {
     let middle = 0.5 * (ends[0] + ends[1]);
     let inwards = from_parry(place.translation) - middle;
@@ -294,7 +293,7 @@ fn between_lines(
         ClosestPoints::Disjoint => return None,
     };
     let between = points[1] - points[0];
-    // lines that cross are taken apart along their middles
+    // crossing lines are separated along their middles
     let middles = (b[0] + b[1] - a[0] - a[1]).try_normalize(CROSSING_M).unwrap_or_else(Vector3::z);
     Some((points, between.try_normalize(CROSSING_M).unwrap_or(middles)))
 }
@@ -309,7 +308,8 @@ fn frames(robot: &Robot, q: &[f64]) -> Vec<Transform> {
     frames
 }
 
-/// How a point of a link beyond the joint `j` moves with that joint, m/rad (1); `frame` is that joint's.
+/// Derivative of the position of a point of a link beyond the joint `j` with respect to that joint, m/rad (1); `frame`
+/// is that joint's.
 fn point_slope(robot: &Robot, frame: &Transform, j: usize, point: &Vector3<f64>) -> Vector3<f64> {
     let axis = frame.rotation.column(2).into_owned();
     match robot.joints[j].kind {
@@ -318,7 +318,7 @@ fn point_slope(robot: &Robot, frame: &Transform, j: usize, point: &Vector3<f64>)
     }
 }
 
-/// Where each pair is nearest over one period of a series.
+/// Smallest distance of each pair over one period of a series.
 ///
 /// Between instants a joint `j` travels at most `|qd_j| h + a_j h² / 2` from the nearer one, with its largest
 /// acceleration `a_j` and `h` half a step, and no point moves more than the sum of that times its lever.
@@ -341,8 +341,8 @@ pub fn nearest_of_series(robot: &Robot, clearance: &Clearance, series: &FourierE
     nearest(robot, clearance, states)
 }
 
-/// Where each pair is nearest in a motion of times, s, and postures `[n]`, which straight lines join. Between two of
-/// them the motion is looked at so often that no joint moves more than a few mrad (mm).
+/// Smallest distance of each pair in a motion of times, s, and postures `[n]`, joined by straight lines. The motion is
+/// checked so often between two postures that no joint moves more than a few mrad (mm).
 #[must_use]
 pub fn nearest_of_postures(
     robot: &Robot,
@@ -365,7 +365,7 @@ pub fn nearest_of_postures(
     nearest(robot, clearance, states)
 }
 
-/// Nearest instants of each pair among states: time, posture, and by how much a distance may be smaller nearby.
+/// Smallest distances of each pair among states: time, posture, and the possible decrease of a distance nearby.
 fn nearest(
     robot: &Robot,
     clearance: &Clearance,
@@ -405,10 +405,10 @@ mod tests {
     use armwatch_model::robot::{ArmShape, Obstacle};
     use armwatch_testing::er3a;
 
-    /// Slopes of differences over 1e-6 m of distances of some metres.
+    /// Differences of 1e-6 m of distances of some metres, for derivatives.
     const DIFFERENCES: f64 = 1e-6;
 
-    /// The ER3A with capsules of round figures along its links.
+    /// The ER3A with capsules of round dimensions along its links.
     fn with_capsules() -> Robot {
         let capsule = |link: usize, from: [f64; 3], to: [f64; 3], radius: f64| Capsule {
             link,
@@ -469,7 +469,7 @@ mod tests {
         }
     }
 
-    /// The smallest distance of many points of a line to another thing is that of the line.
+    /// The smallest distance between many points of a line and another object is that of the line.
     #[test]
     fn distances_are_those_of_many_points_of_the_lines() {
         let (robot, cell) = (with_capsules(), cell());
@@ -509,7 +509,7 @@ mod tests {
                         )
                     }
                 };
-                // points are 1 mm apart, so that the nearest is at most half of that from the true one
+                // points are 1 mm apart, so that the nearest one is at most half of that from the true one
                 let found = near.distance + radii;
                 assert!(
                     found <= by_points + 1e-6 && by_points - found < 1e-3,
@@ -534,7 +534,7 @@ mod tests {
                     };
                     let (before, after) = (at(-1e-4), at(1e-4));
                     let bend = (after + before - 2.0 * near.distance).abs();
-                    // where the nearest points jump or lines cross there is no slope
+                    // no derivative exists where the nearest points jump or lines cross
                     if near.distance > 0.0 && bend < 1e-8 {
                         compared += 1;
                         let slope = (after - before) / 2e-4;

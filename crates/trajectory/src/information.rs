@@ -1,5 +1,5 @@
-//! What recordings tell of an arm's base parameters under white noise, and what they tell together: `w' w` with rows
-//! divided by the noise of their joint (the Fisher information of the linear model).
+//! Information of recordings about an arm's base parameters under white noise, and its sum over recordings: `w' w` with
+//! rows divided by the noise of their joint (the Fisher information of the linear model).
 
 use faer::{Mat, Scale, Side};
 
@@ -9,24 +9,24 @@ use armwatch_method::identify::joint_factors::{FactorColumns, JointFactor};
 use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_model::robot::{FourierExcitation, ParameterId, Robot};
 
-/// Sizes of a parameter beyond which its standard deviation says that it was not seen.
+/// Standard deviation, in sizes of the parameter, above which the parameter counts as not identified.
 pub const UNSEEN: f64 = 10.0;
 
 /// Eigenvalues below this share of the largest are rounding.
 const ROUNDING: f64 = 1e-14;
 
-/// What is known of the base parameters, symmetric `[b x b]`.
+/// Information about the base parameters, symmetric `[b x b]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Information(Mat<f64>);
 
 impl Information {
-    /// Nothing is known of `parameters` parameters.
+    /// No information about `parameters` parameters.
     #[must_use]
     pub fn none(parameters: usize) -> Self {
         Self(Mat::zeros(parameters, parameters))
     }
 
-    /// What a recording of a series tells.
+    /// Information of a recording of a series.
     ///
     /// # Errors
     /// Those of [`recorded_factors`].
@@ -46,10 +46,10 @@ impl Information {
         Ok(information)
     }
 
-    /// What rows behind `factors` tell, at the noise of each joint's torque signal `[n]`, Nm (N).
+    /// Information of the rows of `factors`, at the noise of each joint's torque signal `[n]`, Nm (N).
     ///
     /// # Errors
-    /// [`NumericsError::ColumnsDiffer`] for a factor of other columns than its joint has.
+    /// [`NumericsError::ColumnsDiffer`] for a factor with other columns than its joint has.
     pub fn of_factors(
         base: &BaseParameters,
         columns: &FactorColumns,
@@ -78,17 +78,17 @@ impl Information {
         Ok(information)
     }
 
-    /// Places of the parameters that are worth estimating: the one of the largest standard deviation over its `values` is
-    /// left out and taken for zero, and then the next, until none is above `relative` (Pham & Gautier 1991, Essential
-    /// parameters of robots).
+    /// Indices of the essential parameters. The parameter with the largest standard deviation relative to its entry in
+    /// `values` is assumed to be zero and dropped, then the next, until none is above `relative` (Pham & Gautier 1991,
+    /// Essential parameters of robots).
     ///
     /// # Errors
-    /// [`NumericsError::NotFinite`] if the eigenvalues cannot be had.
+    /// [`NumericsError::NotFinite`] if the eigenvalues cannot be computed.
     ///
     /// # Panics
     /// If there are fewer values than parameters.
     pub fn essential(&self, values: &[f64], relative: f64) -> Result<Vec<usize>, NumericsError> {
-        // a parameter that is nothing is known to no part of itself
+        // a parameter with the value zero has an infinite relative deviation
         let mut left: Vec<usize> = (0..values.len()).filter(|k| values[*k] != 0.0).collect();
         while !left.is_empty() {
             let own = Self(Mat::from_fn(left.len(), left.len(), |i, k| self.0[(left[i], left[k])]));
@@ -104,31 +104,31 @@ impl Information {
         Ok(left)
     }
 
-    /// What both tell, if their noise is independent.
+    /// Combined information, if the noise of both is independent.
     ///
     /// # Panics
-    /// If they are of different numbers of parameters.
+    /// If they have different numbers of parameters.
     #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         Self(&self.0 + &other.0)
     }
 
-    /// What so many times as many rows tell.
+    /// Information of `rows` times as many rows.
     #[must_use]
     pub fn times(&self, rows: f64) -> Self {
         Self(Scale(rows) * &self.0)
     }
 
-    /// As a matrix to be added to a product of rows.
+    /// The matrix, to be added to a product of rows.
     pub(super) fn matrix(&self) -> &Mat<f64> {
         &self.0
     }
 
-    /// Standard deviations of the parameters `[b]`, each compared with a size, above 0; `None` where one is more than
+    /// Standard deviations of the parameters `[b]`, each compared with a size above 0; `None` if one is more than
     /// [`UNSEEN`] sizes.
     ///
     /// # Errors
-    /// [`NumericsError::NotFinite`] if eigenvalues cannot be had.
+    /// [`NumericsError::NotFinite`] if eigenvalues cannot be computed.
     pub fn standard_deviations(&self, sizes: &[f64]) -> Result<Vec<Option<f64>>, NumericsError> {
         let b = sizes.len();
         let scaled = Mat::from_fn(b, b, |i, k| sizes[i] * self.0[(i, k)] * sizes[k]);
@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// By hand: of two parameters that are seen together, leaving one out makes the other certain.
+    /// Checked by hand: of two parameters that appear together, dropping one makes the other certain.
     #[test]
     fn parameters_that_are_not_worth_their_uncertainty_are_left_out_one_by_one() {
         let matrix =
@@ -194,7 +194,7 @@ mod tests {
         let robot = er3a();
         let base = base_parameters(&robot).expect("base parameters");
         let mut series = robot.excitation.clone().expect("Table 4.1");
-        // the first joint stands still
+        // the first joint is at rest
         series.a[0].iter_mut().chain(&mut series.b[0]).for_each(|of| *of = 0.0);
         let recording =
             RecordingPlan { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![0.3; 6] };

@@ -1,4 +1,4 @@
-//! Excitation trajectories: finite Fourier series, limits, what they show of an arm's parameters.
+//! Excitation trajectories: finite Fourier series, limits, and their information about an arm's parameters.
 
 pub mod series;
 pub mod limits;

@@ -1,15 +1,15 @@
-//! Limits of a motion, how near to them it comes, and where it breaks them.
+//! Limits of a motion, its margins to them, and its breaches.
 
 use std::fmt;
 
 use super::series::{between_instants, jerk_at, state_at};
 use armwatch_model::robot::{FourierExcitation, Joint, JointIndex, JointKind, Robot};
 
-/// Instants of a period for each harmonic at which a series is held against its limits; between them it exceeds its
-/// largest magnitude by at most 1.2e-4 of it.
+/// Instants per period for each harmonic at which a series is compared with its limits; its largest magnitude between
+/// them is at most 1.2e-4 larger.
 const INSTANTS_PER_HARMONIC: usize = 200;
 
-/// Limits of one joint that a search keeps to: rad, rad/s, rad/s², rad/s³ (m).
+/// Limits of one joint for a search: rad, rad/s, rad/s², rad/s³ (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionLimits {
     /// Smallest position.
@@ -24,19 +24,19 @@ pub struct MotionLimits {
     pub jerk: Option<f64>,
 }
 
-/// Parts of a joint's limits that a search may use.
+/// Shares of a joint's limits that a search may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shares {
-    /// Of the range, about its middle.
+    /// Share of the range, about its middle.
     pub position: f64,
-    /// Of the largest speed.
+    /// Share of the largest speed.
     pub velocity: f64,
-    /// Of the largest acceleration and the largest jerk.
+    /// Share of the largest acceleration and the largest jerk.
     pub acceleration: f64,
 }
 
 impl MotionLimits {
-    /// Parts of what a description allows.
+    /// Limits as shares of those in the description.
     #[must_use]
     pub fn of(joint: &Joint, shares: &Shares) -> Self {
         let limits = &joint.limits;
@@ -69,13 +69,13 @@ impl MotionLimits {
 pub struct TorqueLimits {
     /// Base parameters `[b]`.
     pub parameters: Vec<f64>,
-    /// Largest root mean square over the period, `[n]`, Nm (N): what the motor stands for hours.
+    /// Largest root mean square over the period, `[n]`, Nm (N): the motor's torque for continuous duty.
     pub mean_square_root: Vec<Option<f64>>,
     /// Largest magnitude, `[n]`, Nm (N).
     pub peak: Vec<Option<f64>>,
 }
 
-/// A value and when it is taken.
+/// A value and its time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TimedValue {
     /// The value.
@@ -84,7 +84,7 @@ pub struct TimedValue {
     pub time: f64,
 }
 
-/// Ends of a joint's motion over one period.
+/// Extremes of a joint's motion over one period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extremes {
     /// Lowest position, rad (m).
@@ -97,11 +97,11 @@ pub struct Extremes {
     pub acceleration: TimedValue,
     /// Jerk of the largest magnitude, rad/s³ (m/s³).
     pub jerk: TimedValue,
-    /// Instants at which the motion was looked at.
+    /// Number of instants that were checked.
     pub instants: usize,
 }
 
-/// Ends of a joint's motion over one period of a series, at the instants that are looked at.
+/// Extremes of a joint's motion over one period of a series, among the checked instants.
 ///
 /// # Panics
 /// If the series has no such joint.
@@ -191,32 +191,32 @@ impl fmt::Display for Limited {
     }
 }
 
-/// A limit that a motion breaks, at its worst.
+/// A broken limit of a motion, at its worst.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Breach {
     /// The joint.
     pub joint: JointIndex,
     /// The quantity.
     pub quantity: Limited,
-    /// When it is worst, s.
+    /// Time of the worst value, s.
     pub time: f64,
-    /// From when on it is broken, s.
+    /// Start of the breach, s.
     pub since: f64,
     /// The worst value: rad, rad/s, rad/s² (m).
     pub value: f64,
-    /// The limit; the negative one where the value is negative.
+    /// The limit; the negative limit if the value is negative.
     pub limit: f64,
 }
 
 impl Breach {
-    /// By how much the limit is broken, positive.
+    /// Excess over the limit, positive.
     #[must_use]
     pub fn excess(&self) -> f64 {
         (self.value - self.limit).abs()
     }
 }
 
-/// Limits of the arm that a series breaks, also between the instants that are looked at.
+/// Limits of the arm that a series breaks, also between the checked instants.
 #[must_use]
 pub fn broken_by_series(robot: &Robot, series: &FourierExcitation) -> Vec<Breach> {
     let mut breaches = Vec::new();
@@ -247,7 +247,7 @@ pub fn broken_by_series(robot: &Robot, series: &FourierExcitation) -> Vec<Breach
             .jerk
             .map(|jerk| (Limited::Jerk, widened(found.jerk), signed(jerk, found.jerk), found.jerk.value));
         for (quantity, TimedValue { value, time }, limit, side) in checks.into_iter().chain(jerk) {
-            // what is not a number is broken too
+            // NaN counts as a breach too
             let inside = (value - limit) * side.signum() <= 0.0;
             if !inside {
                 breaches.push(Breach { joint: index, quantity, time, since: time, value, limit });
@@ -268,7 +268,7 @@ pub struct SampledMotion {
     pub velocities: Option<Vec<Vec<f64>>>,
     /// Accelerations, where given: rad/s² (m/s²).
     pub accelerations: Option<Vec<Vec<f64>>>,
-    /// Step of the last digit of positions, rad (m); 0 where they are exact.
+    /// Step of the last digit of positions, rad (m); 0 if they are exact.
     pub position_step: f64,
     /// Step of the last digit of velocities, rad/s (m/s).
     pub velocity_step: f64,
@@ -276,25 +276,25 @@ pub struct SampledMotion {
     pub acceleration_step: f64,
 }
 
-/// What was found of a sampled motion.
+/// Result of checking a sampled motion.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleCheck {
     /// Limits that are broken, by joint.
     pub breaches: Vec<Breach>,
-    /// Joints and quantities that the samples are too coarse to judge, with the uncertainty of the derived values.
+    /// Joints and quantities for which the samples are too coarse, with the uncertainty of the derived values.
     pub unjudged: Vec<(JointIndex, Limited, f64)>,
-    /// Largest share of each joint's limits that is used `[n]`: position about the middle, speed, acceleration, jerk. A
-    /// quantity that is not judged or has no limit is `None`.
+    /// Largest used share of each joint's limits `[n]`: position about the middle, speed, acceleration, jerk. `None`
+    /// for a quantity that is not checked or has no limit.
     pub used: Vec<[Option<f64>; 4]>,
 }
 
-/// Share of a limit up to which rounding of samples may make a derived value uncertain.
+/// Largest uncertainty of a derived value from rounding of samples, as a share of the limit.
 const ROUNDING_SHARE: f64 = 0.02;
-/// Longest interval over which a derivative is taken, s: a tenth of the period of a 2 Hz motion.
+/// Longest interval of a derivative, s: a tenth of the period of a 2 Hz motion.
 const LONGEST_INTERVAL_S: f64 = 0.05;
 
-/// Holds samples against the limits of the arm. Velocities and accelerations that are not given are central
-/// differences, over intervals long enough that the last digit does not show.
+/// Compares samples with the limits of the arm. Missing velocities and accelerations are central differences, over
+/// intervals so long that the rounding of the last digit has little effect.
 ///
 /// # Panics
 /// If there are fewer joints than the robot has or columns of another length than the times.
@@ -330,7 +330,7 @@ pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
                 (None, Some(velocities)) => {
                     second_differences(&motion.times, &velocities[j], motion.velocity_step, limit)
                 }
-                // a third difference of rounded positions says nothing
+                // a third difference of rounded positions is meaningless
                 (None, None) => None,
             };
             (Limited::Jerk, derived, limit)
@@ -366,7 +366,7 @@ fn at_times(times: &[f64], values: &[f64]) -> Vec<TimedValue> {
     times.iter().zip(values).map(|(&time, &value)| TimedValue { value, time }).collect()
 }
 
-/// The worst moment of a quantity, if it breaks its limit; `excess` is positive where it does.
+/// The worst moment of a quantity, if it breaks its limit; `excess` is positive for a breach.
 fn worst(
     joint: JointIndex,
     quantity: Limited,
@@ -384,11 +384,11 @@ fn worst(
 fn rows_aside(times: &[f64], enough_s: f64) -> Option<usize> {
     let step = (times.last()? - times.first()?) / (times.len().checked_sub(1)? as f64);
     let rows = (enough_s / step).ceil().max(1.0);
-    // one row aside needs no room: there is nothing shorter
+    // one row on each side is always allowed, as the shortest interval
     (rows <= 1.0 || rows * step <= LONGEST_INTERVAL_S).then_some(rows as usize)
 }
 
-/// Central differences; half a step in each of two values over twice the interval.
+/// Central differences; the error is half a step in each of two values over twice the interval.
 fn differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<Vec<TimedValue>> {
     let rows = rows_aside(times, 0.5 * step / (ROUNDING_SHARE * limit))?;
     let slope = |k: usize| {
@@ -401,7 +401,8 @@ fn differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<V
     Some((rows..times.len().saturating_sub(rows)).map(slope).collect())
 }
 
-/// Second central differences; half a step in each value, twice that of the middle, over the squared interval.
+/// Second central differences; the error is half a step in each value, twice that of the middle, over the squared
+/// interval.
 fn second_differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<Vec<TimedValue>> {
     let rows = rows_aside(times, (2.0 * step / (ROUNDING_SHARE * limit)).sqrt())?;
     let curvature = |k: usize| {
@@ -487,7 +488,7 @@ mod tests {
             assert_eq!(found.breaches.len(), exact.len(), "{decimals} {:?}", found.breaches);
             for (found, exact) in found.breaches.iter().zip(&exact) {
                 assert_eq!((found.joint, found.quantity), (exact.joint, exact.quantity));
-                // rounding may add its share of the limit, a difference over 0.1 s takes a little off
+                // rounding may add its share of the limit, a difference over 0.1 s reduces the value slightly
                 let slack = 2.0 * ROUNDING_SHARE * exact.limit.abs();
                 assert!((found.value - exact.value).abs() < slack, "{found:?} {exact:?}");
                 assert!(found.since <= found.time);

@@ -1,10 +1,10 @@
-//! What a trajectory is searched for: a number of the product `G = w' w` of its observation matrix, and its slope.
+//! Objectives of a trajectory search: a function of the product `G = w' w` of its observation matrix, and its gradient.
 
 use faer::{Mat, MatRef, Scale, Side};
 
 use armwatch_method::NumericsError;
 
-/// What is made small.
+/// Objective that is minimised.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Objective {
     /// Condition number of the observation matrix, in SI units [2.10].
@@ -22,7 +22,7 @@ pub enum Objective {
     StandardDeviation,
 }
 
-/// Value of an objective and how it changes with the product.
+/// Value of an objective and its derivative with respect to the product.
 #[derive(Debug, Clone)]
 pub struct Valued {
     /// The logarithm of the objective.
@@ -34,12 +34,13 @@ pub struct Valued {
 impl Objective {
     /// Logarithm of the objective for the product `gram` `[b x b]`, and its slope.
     ///
-    /// Condition numbers are smoothed: `(sum s^2p sum s^-2p)^(1/2p)` of the singular values `s`, at least the condition
-    /// number and equal to it as `power`, `p`, grows. `scale` `[b]` is what a standard deviation is compared with; one that
-    /// is infinite does not count.
+    /// Condition numbers are smoothed: `(sum s^2p sum s^-2p)^(1/2p)` of the singular values `s`, which is at least the
+    /// condition number and converges to it for large `power`, `p`. Standard deviations are compared with `scale`
+    /// `[b]`; a parameter with infinite scale does not count.
     ///
     /// # Errors
-    /// [`NumericsError::NotFinite`] where the product has no positive eigenvalues: a column is zero or dependent.
+    /// [`NumericsError::NotFinite`] if the product has an eigenvalue that is not positive: a column is zero or
+    /// dependent.
     pub fn of_product(
         self,
         gram: MatRef<'_, f64>,
@@ -76,7 +77,7 @@ fn spectrum(gram: MatRef<'_, f64>) -> Result<Spectrum, NumericsError> {
     let eigen = gram.self_adjoint_eigen(Side::Lower).map_err(|_| WHAT)?;
     let values: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
     let largest = values.iter().copied().fold(0.0, f64::max);
-    // below this an eigenvalue is rounding
+    // eigenvalues below this are rounding
     if values.iter().any(|value| *value <= 1e-15 * largest || !value.is_finite()) {
         return Err(WHAT);
     }

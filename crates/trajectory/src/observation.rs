@@ -10,25 +10,25 @@ use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_method::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
 use armwatch_model::robot::{CouplingTerm, FourierExcitation, MAX_JOINTS, ParameterId, ParameterKind, Robot};
 
-/// Steps of differences along position and velocity, rad and rad/s (m, m/s): half the digits of a number. The
-/// regressor is a line in the accelerations, where any step is exact.
+/// Steps of differences along position and velocity, rad and rad/s (m, m/s): half the digits of a number. The regressor
+/// is linear in the accelerations, so that any step is exact there.
 const STEP: f64 = 1e-6;
 const ACCELERATION_STEP: f64 = 1.0;
 
-/// Which columns of the regressor make up the observation matrix, and where a joint's row can hold something.
+/// Columns of the regressor that form the observation matrix, and the entries of each joint's row that may be nonzero.
 #[derive(Debug, Clone)]
 pub struct ObservationColumns<'a> {
     robot: &'a Robot,
     /// Columns of the observation matrix `[b]`, as columns of the regressor.
     columns: Vec<usize>,
-    /// Of each joint's row the entries that are not always zero: place among `columns`.
+    /// Entries of each joint's row that are not always zero, as indices into `columns`.
     entries: Vec<Vec<usize>>,
 }
 
-/// A row of the observation matrix of each joint at a group of instants, without what is always zero.
+/// A row of the observation matrix for each joint at a group of instants, without entries that are always zero.
 pub type JointRows = Vec<Vec<Lanes>>;
 
-/// What a function of the motion changes with, at a group of instants: positions, velocities, accelerations.
+/// Derivative of a function of the motion at a group of instants: by positions, velocities, accelerations.
 #[derive(Debug, Clone, Copy)]
 pub struct MotionSlope {
     /// Per rad (m).
@@ -40,16 +40,16 @@ pub struct MotionSlope {
 }
 
 impl MotionSlope {
-    /// No slope.
+    /// Zero derivative.
     pub const ZERO: Self =
         Self { q: [Lanes::ZERO; MAX_JOINTS], qd: [Lanes::ZERO; MAX_JOINTS], qdd: [Lanes::ZERO; MAX_JOINTS] };
 }
 
 impl<'a> ObservationColumns<'a> {
-    /// The columns `chosen` of the base parameters, by their places in [`BaseParameters::kept`].
+    /// The columns `chosen` of the base parameters, by their indices in [`BaseParameters::kept`].
     ///
     /// # Panics
-    /// If a place is beyond the last parameter.
+    /// If an index is beyond the last parameter.
     #[must_use]
     pub fn new(robot: &'a Robot, base: &BaseParameters, chosen: &[usize]) -> Self {
         let kept: Vec<ParameterId> = chosen.iter().map(|&k| base.kept[k]).collect();
@@ -60,13 +60,13 @@ impl<'a> ObservationColumns<'a> {
         Self { robot, columns: chosen.iter().map(|&k| base.kept_columns[k]).collect(), entries }
     }
 
-    /// Columns `b`.
+    /// Number of columns `b`.
     #[must_use]
     pub fn columns(&self) -> usize {
         self.columns.len()
     }
 
-    /// Places of a joint's entries among the columns.
+    /// Indices of a joint's entries among the columns.
     #[must_use]
     pub fn entries(&self, joint: usize) -> &[usize] {
         &self.entries[joint]
@@ -81,8 +81,7 @@ impl<'a> ObservationColumns<'a> {
         self.entries.iter().enumerate().map(row).collect()
     }
 
-    /// The product `w' W w` of rows weighted by `weights` `[n]`, each the square of what a joint's row is multiplied
-    /// by; `[b x b]`.
+    /// The product `w' W w` of rows weighted by `weights` `[n]`, each the square of the joint's row scale; `[b x b]`.
     #[must_use]
     pub fn product(&self, rows: &[JointRows], weights: &[f64]) -> Mat<f64> {
         let b = self.columns();
@@ -123,8 +122,8 @@ impl<'a> ObservationColumns<'a> {
         builders.iter_mut().map(FactorBuilder::take).collect()
     }
 
-    /// How a function of the rows at a group of instants changes with the motion, given how it changes with each
-    /// entry, `slopes` of the shape of the rows.
+    /// Derivative of a function of the rows at a group of instants with respect to the motion, given its derivative
+    /// with respect to each entry, `slopes` of the shape of the rows.
     pub fn motion_slope(
         &self,
         states: &LaneStates,
@@ -138,7 +137,7 @@ impl<'a> ObservationColumns<'a> {
             moved.q[joint] += Lanes::splat(STEP);
             along.q[joint] = (self.along(&moved, slopes, regressors) - at) * (1.0 / STEP);
 
-            // away from standstill, where friction jumps
+            // away from rest, where friction jumps
             let mut moved = *states;
             let steps = Lanes(states.qd[joint].0.map(|qd| STEP.copysign(qd)));
             moved.qd[joint] += steps;
@@ -164,8 +163,8 @@ impl<'a> ObservationColumns<'a> {
         sum
     }
 
-    /// How `tr(S G)` of the product `G` of [`ObservationColumns::product`] changes with each entry of a group's rows:
-    /// `2 W w S`.
+    /// Derivative of `tr(S G)` of the product `G` of [`ObservationColumns::product`] with respect to each entry of a
+    /// group's rows: `2 W w S`.
     #[must_use]
     pub fn product_slope(&self, rows: &JointRows, slope: MatRef<'_, f64>, weights: &[f64]) -> JointRows {
         let of_joint = |(joint, entries): (usize, &Vec<usize>)| {
@@ -183,8 +182,8 @@ impl<'a> ObservationColumns<'a> {
     }
 }
 
-/// Whether a parameter can change the torque of a joint: inertia of a link or crank that of the joints before it, everything
-/// else that of its own joint or of the two that turn a motor.
+/// Returns true if a parameter can change the torque of a joint. The inertia of a link or crank changes that of the
+/// joints before it; every other parameter changes that of its own joint or of the two that turn a motor.
 fn shows_in(robot: &Robot, id: ParameterId, joint: usize) -> bool {
     match id.kind {
         ParameterKind::Inertial(_) => joint <= id.joint.index(),

@@ -1,10 +1,11 @@
-//! What a test will tell before it is run: standard deviations of parameters and the smallest changes that it shows,
-//! at given noise of the torque.
+//! Predicts the results of a test before it is run: standard deviations of parameters and the smallest detectable
+//! changes, at given noise of the torque.
 //!
 //! With rows `w` of one test divided by the noise of their joint, `(w' w)⁻¹` is the covariance of the weighted least
-//! squares estimate under white noise. The low-pass takes away noise where the rows have next to nothing, and does not
-//! change it. The rows are those that the analysis makes ([`recorded_rows`](super::recorded_rows)). Noise of positions and
-//! velocities is not in it, nor is what is no noise, such as friction that changes while the arm warms up.
+//! squares estimate under white noise. The low-pass removes noise at frequencies where the rows have almost no content,
+//! and does not change the covariance. The rows are those of the analysis ([`recorded_rows`](super::recorded_rows)).
+//! Not included are noise of positions and velocities, and deviations other than noise, such as friction that changes
+//! while the arm warms up.
 
 use super::observation::ObservationColumns;
 use super::recorded_rows::{RecordingPlan, recorded_factors};
@@ -22,19 +23,19 @@ use armwatch_model::robot::{
 pub struct Conditioning {
     /// In SI units.
     pub condition_number: f64,
-    /// With columns of unit norm.
+    /// The same with columns scaled to unit norm.
     pub scaled_condition_number: f64,
 }
 
-/// What a test will tell.
+/// Predicted results of a test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prediction {
     /// Standard deviation of each base parameter `[b]`, in its own unit.
     pub standard_deviations: Vec<f64>,
-    /// Standard deviation of a change of each joint's whole friction as a fraction of it, `[n]`; `None` without
-    /// nominal friction. Nothing else has changed, and the state before is known.
+    /// Standard deviation of a change of each joint's whole friction as a fraction of it, `[n]`; `None` without nominal
+    /// friction. It assumes that nothing else has changed, and that the state before is known.
     pub friction_change: Vec<Option<f64>>,
-    /// The same of a mass at the tool frame, kg; `None` where the arm does not feel one.
+    /// The same of a mass at the tool frame, kg; `None` if it has no effect on the arm.
     pub load_change: Option<f64>,
 }
 
@@ -58,10 +59,10 @@ pub fn conditioning(
     })
 }
 
-/// What a test with this series will tell of all base parameters.
+/// Predicts the results of a test with this series for all base parameters.
 ///
 /// # Errors
-/// [`NumericsError::NotFinite`] where the motion does not show every parameter, and those of [`recorded_factors`].
+/// [`NumericsError::NotFinite`] if the motion does not identify every parameter, and those of [`recorded_factors`].
 pub fn predict(
     robot: &Robot,
     base: &BaseParameters,
@@ -99,11 +100,11 @@ fn friction_direction(robot: &Robot, base: &BaseParameters, joint: JointIndex) -
         ParameterKind::Friction(term) if id.joint == joint => term.nominal(&nominal.friction),
         _ => Some(0.0),
     };
-    // an offset of the torque signal is no friction
+    // an offset of the torque signal is not friction
     Some(base.kept.iter().map(|id| own(id).unwrap_or(0.0)).collect())
 }
 
-/// What 1 kg at the tool frame adds to the base parameters `[b]`.
+/// Change of the base parameters `[b]` by 1 kg at the tool frame.
 #[must_use]
 pub fn load_direction(robot: &Robot, base: &BaseParameters) -> Vec<f64> {
     let body =
@@ -162,8 +163,7 @@ mod tests {
         (0..base.kept.len()).filter(|k| !is_friction(k)).collect()
     }
 
-    /// The condition numbers that are stated for the published series, and those by singular values of the whole
-    /// matrix.
+    /// The stated condition numbers of the published series, and those by singular values of the whole matrix.
     #[test]
     fn the_published_series_has_the_published_condition_numbers() {
         let robot = er3a();
@@ -205,8 +205,9 @@ mod tests {
         (0..instants).map(weight).collect()
     }
 
-    /// The scatter of weighted least squares over tests with white noise, by the dense matrix: rows in which the joint is
-    /// slow left out, noise and columns that jump low-passed around the period. Nothing of the recording's analysis is used.
+    /// The scatter of weighted least squares over tests with white noise, by the dense matrix: rows of a slow joint are
+    /// excluded, noise and columns with jumps are low-passed around the period. It uses no part of the recording's
+    /// analysis.
     fn scatter_of_tests(
         robot: &Robot,
         base: &BaseParameters,
@@ -235,7 +236,7 @@ mod tests {
             }
         }
         let solve = w.pseudo_inverse(1e-12).expect("an inverse");
-        // what each parameter takes of the noise of a row, before the low-pass
+        // sensitivity of each parameter to the noise of a row, before the low-pass
         let along = |c: usize, j: usize, k: usize| {
             (0..instants).map(|row| solve[(c, n * row + j)] * turned(k, row)).sum::<f64>()
         };
@@ -277,7 +278,7 @@ mod tests {
         let all_rows = dense(&robot, &base.kept_columns, &series, rate) * DVector::from_vec(direction);
         let weighted =
             all_rows.iter().enumerate().map(|(i, x)| (x / recording.noise[i % 3]).powi(2)).sum::<f64>();
-        // but for slow rows and smeared columns
+        // except for slow rows and smeared columns
         assert!((change * weighted.sqrt() - 1.0).abs() < 0.05, "{change}");
         assert!(found.load_change.is_some_and(|load| load > 0.0 && load < 1.0), "{:?}", found.load_change);
     }

@@ -1,10 +1,10 @@
-//! The search for an excitation trajectory as a smooth problem without bounds: numbers that stand for a series, what
-//! they cost, and the slope of that.
+//! The search for an excitation trajectory as a smooth problem without bounds: variables that represent a series, their
+//! cost, and its gradient.
 //!
-//! A series that starts and ends at rest without acceleration has `2 N - 1` free numbers a joint: the last cosine and
-//! sine amplitudes follow from the others. One of sines alone [4.1] has `N` of them: without `b` it has no acceleration
-//! at its start whatever its amplitudes are. Limits cost the squares of what exceeds them; a series that is found is
-//! then made to keep them exactly ([`SearchProblem::within_limits`]).
+//! A series that starts and ends at rest without acceleration has `2 N - 1` free variables per joint: the last cosine
+//! and sine amplitudes follow from the others. A series of sines alone [4.1] has `N` of them: without `b` its
+//! acceleration at the start is zero for any amplitudes. Exceeded limits cost the square of the excess; a resulting
+//! series is then made to keep them exactly ([`SearchProblem::within_limits`]).
 
 mod penalties;
 
@@ -22,62 +22,61 @@ use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_method::model::regressor_lanes::{LaneStates, RegressorLanes};
 use armwatch_model::robot::{FourierExcitation, Robot};
 
-/// Instants of a period for each harmonic: 50 of the shortest wave, between which nothing hides.
+/// Instants per period for each harmonic: 50 for the shortest wave, which resolves all extremes.
 pub const INSTANTS_PER_HARMONIC: usize = 50;
 
-/// How much closer to a limit than allowed a series is brought at the end, so that rounding does not break it.
+/// Additional distance from a limit in the final series, so that rounding does not break it.
 const CLEARANCE: f64 = 1e-9;
 
-/// Power at which a smooth condition number is the condition number, to a millionth.
+/// Power that makes the smooth condition number equal to the condition number, to a millionth.
 const SHARP: f64 = 1e6;
 
-/// Weight of what a series that is found misses: one that misses a limit by 1 % counts as 10 % worse.
+/// Weight of missed limits in a resulting series: missing a limit by 1 % counts as 10 % worse.
 const MISSED: f64 = 1e3;
 
-/// What is searched, beside the arm itself.
+/// Settings of the search, besides the arm itself.
 #[derive(Debug, Clone)]
 pub struct SearchSettings {
     /// Duration of the period, s.
     pub period: f64,
     /// Harmonics `N`, 2 or more.
     pub harmonics: usize,
-    /// Which waves there are.
+    /// Kinds of waves.
     pub form: SeriesForm,
-    /// What is made small.
+    /// The objective that is minimised.
     pub objective: Objective,
-    /// Places in [`BaseParameters::kept`] of the parameters that the objective is of.
+    /// Positions in [`BaseParameters::kept`] of the parameters of the objective.
     pub parameters: Vec<usize>,
-    /// What a joint's rows are multiplied by, `[n]`: 1, or the reciprocal of its torque noise.
+    /// Scale of each joint's rows, `[n]`: 1, or the reciprocal of its torque noise.
     pub row_scales: Vec<f64>,
-    /// What standard deviations are compared with, for each of `parameters`; used by
-    /// [`Objective::StandardDeviation`].
+    /// Reference values of the standard deviations, for each of `parameters`; used by [`Objective::StandardDeviation`].
     pub scales: Vec<f64>,
-    /// What is known of all base parameters already, as much as counts for the instants of the search: it is added to
-    /// the product of their rows. `parameters` are all of them then.
+    /// Prior information about all base parameters, weighted for the instants of the search: it is added to the product
+    /// of their rows. `parameters` are all of them then.
     pub known: Option<Information>,
     /// Limits of the motion, `[n]`.
     pub limits: Vec<MotionLimits>,
-    /// Limits of the torque, where the model is known.
+    /// Limits of the torque, if the model is known.
     pub torque: Option<TorqueLimits>,
-    /// Distances to keep, where links have a shape.
+    /// Distances to keep, if links have a shape.
     pub clearance: Option<ClearanceLimit>,
-    /// Share of each velocity in `limits` that the joint has to reach at least; 0 asks for nothing.
+    /// Share of each velocity in `limits` that the joint must reach at least; 0 for none.
     pub reached_speed: f64,
 }
 
-/// Which waves a series is made of.
+/// Kinds of waves in a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SeriesForm {
     /// Sines and cosines [4.19].
     #[default]
     Fourier,
-    /// Sines of the position alone [4.1], about a centre: `b = 0` in [4.19]. Starting at rest asks for `sum a_l = 0` of
+    /// Sines of the position alone [4.1], about a centre: `b = 0` in [4.19]. Starting at rest requires `sum a_l = 0` of
     /// [4.20], that is `sum k a_k = 0` in the amplitudes of [4.1].
     HarmonicSine,
 }
 
 impl SeriesForm {
-    /// Numbers that stand for the series of one joint.
+    /// Number of variables for the series of one joint.
     fn numbers(self, harmonics: usize) -> usize {
         match self {
             Self::Fourier => 2 * harmonics - 1,
@@ -86,12 +85,12 @@ impl SeriesForm {
     }
 }
 
-/// How strictly a search takes condition numbers and limits.
+/// Strictness of a search about condition numbers and limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strictness {
     /// Power of the smooth condition number: see [`Objective::of_product`].
     pub power: f64,
-    /// Weight of the mean square of what exceeds limits, as a share of them.
+    /// Weight of the mean square of the excess over limits, relative to them.
     pub penalty: f64,
 }
 
@@ -102,7 +101,7 @@ pub struct SearchProblem<'a> {
     settings: SearchSettings,
     basis: Basis,
     objective: ObservationColumns<'a>,
-    /// All base parameters, where torques are limited.
+    /// All base parameters, if torques are limited.
     torque: Option<ObservationColumns<'a>>,
     weights: Vec<f64>,
 }
@@ -141,7 +140,7 @@ impl<'a> SearchProblem<'a> {
         })
     }
 
-    /// Numbers that stand for a series.
+    /// Number of variables for a series.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.per_joint() * self.robot.joint_count()
@@ -157,18 +156,18 @@ impl<'a> SearchProblem<'a> {
         self.robot
     }
 
-    /// What is searched.
+    /// Settings of the search.
     #[must_use]
     pub fn settings(&self) -> &SearchSettings {
         &self.settings
     }
 
-    /// The series that numbers `x` stand for: joint by joint the velocity's cosine amplitudes 1 to `N-1`, its sine
-    /// amplitudes 1 to `N-1` unless the form has none, in units of the largest velocity, and the centre from -1 to 1 over
-    /// the range.
+    /// The series of the variables `x`: joint by joint the velocity's cosine amplitudes 1 to `N-1`, its sine amplitudes
+    /// 1 to `N-1` unless the form has none, in units of the largest velocity, and the centre from -1 to 1 over the
+    /// range.
     ///
     /// # Panics
-    /// If there are fewer numbers than [`SearchProblem::dimension`].
+    /// If there are fewer variables than [`SearchProblem::dimension`].
     #[must_use]
     pub fn series(&self, x: &[f64]) -> FourierExcitation {
         let harmonics = self.settings.harmonics;
@@ -199,11 +198,11 @@ impl<'a> SearchProblem<'a> {
         series
     }
 
-    /// Cost of the series that `x` stands for, and its slope `[dimension]`: the logarithm of the objective and what
-    /// exceeds the limits.
+    /// Cost of the series of `x`, and its gradient `[dimension]`: the logarithm of the objective plus the penalties of
+    /// exceeded limits.
     ///
     /// # Errors
-    /// [`NumericsError::NotFinite`] where the motion does not show every chosen parameter.
+    /// [`NumericsError::NotFinite`] if the motion does not identify every chosen parameter.
     pub fn cost(&self, x: &[f64], strictness: Strictness) -> Result<(f64, Vec<f64>), NumericsError> {
         let series = self.series(x);
         let groups = self.basis.groups();
@@ -221,7 +220,7 @@ impl<'a> SearchProblem<'a> {
             })
             .collect();
         for (group, slope) in slopes.iter_mut().enumerate() {
-            // the same series counts once where the last group repeats its start
+            // if the last group repeats instants of its start, each counts once
             let present = self.basis.present(group);
             for j in 0..self.robot.joint_count() {
                 slope.q[j] = slope.q[j] * present;
@@ -239,10 +238,10 @@ impl<'a> SearchProblem<'a> {
         Ok((cost, slope))
     }
 
-    /// Logarithm of the true objective of a series, and what limits cost that making it smaller cannot keep.
+    /// Logarithm of the true objective of a series, plus the penalties of limits that a smaller motion does not fulfil.
     ///
     /// # Errors
-    /// As [`SearchProblem::cost`].
+    /// Those of [`SearchProblem::cost`].
     pub fn value(&self, series: &FourierExcitation) -> Result<f64, NumericsError> {
         let mut regressors = RegressorLanes::new(self.robot);
         let states: Vec<LaneStates> =
@@ -257,13 +256,13 @@ impl<'a> SearchProblem<'a> {
             + self.nearer_than_allowed(series))
     }
 
-    /// Instants that a period is looked at.
+    /// Number of instants per period.
     #[must_use]
     pub fn instants(&self) -> usize {
         self.basis.instants()
     }
 
-    /// The product of the rows, with what is known already.
+    /// The product of the rows, plus the prior information.
     fn product(&self, rows: &[JointRows]) -> Mat<f64> {
         let product = self.objective.product(rows, &self.weights);
         match &self.settings.known {
@@ -292,7 +291,7 @@ impl<'a> SearchProblem<'a> {
             .collect()
     }
 
-    /// From slopes along the motion to those along the numbers of the search.
+    /// Converts derivatives along the motion to derivatives along the variables of the search.
     fn slope_of_numbers(&self, slopes: &[MotionSlope]) -> Vec<f64> {
         let mut of_numbers = Vec::with_capacity(self.dimension());
         for j in 0..self.robot.joint_count() {
@@ -311,7 +310,7 @@ impl<'a> SearchProblem<'a> {
         of_numbers
     }
 
-    /// The series made smaller, joint by joint, and shifted until it keeps every limit of the motion, also between
+    /// Makes the series smaller, joint by joint, and shifts it until it keeps every limit of the motion, also between
     /// instants.
     #[must_use]
     pub fn within_limits(&self, mut series: FourierExcitation) -> FourierExcitation {
@@ -326,7 +325,7 @@ impl<'a> SearchProblem<'a> {
             let scale = if scale < 1.0 { scale * (1.0 - CLEARANCE) } else { 1.0 };
             series.a[j].iter_mut().chain(&mut series.b[j]).for_each(|c| *c *= scale);
             let (low, high) = (scale * low, scale * high);
-            // the bound widens the swing about the middle of the range
+            // the bound widens the motion about the middle of the range
             let room = limits.half_range() * (1.0 - CLEARANCE) / margin;
             let (lowest, highest) = (limits.middle() - room - low, limits.middle() + room - high);
             series.centre[j] = if lowest <= highest {
@@ -339,7 +338,7 @@ impl<'a> SearchProblem<'a> {
     }
 }
 
-/// Slopes along the numbers of one joint's series, lanes to be summed.
+/// Derivatives along the variables of one joint's series, lanes to be summed.
 struct SeriesSlope {
     a: Vec<Lanes>,
     b: Vec<Lanes>,
@@ -351,7 +350,7 @@ impl SeriesSlope {
         Self { a: vec![Lanes::ZERO; harmonics], b: vec![Lanes::ZERO; harmonics], centre: Lanes::ZERO }
     }
 
-    /// Along the numbers of the search: the last amplitudes follow from the others.
+    /// Derivatives along the variables of the search: the last amplitudes follow from the others.
     fn along_numbers(&self, limits: &MotionLimits, form: SeriesForm) -> Vec<f64> {
         let free = self.a.len() - 1;
         let (last_a, last_b) = (self.a[free].sum(), self.b[free].sum());
@@ -374,7 +373,7 @@ mod tests {
     use armwatch_testing::er3a_of;
     use nalgebra::Vector3;
 
-    /// Slopes of differences over 1e-5, whose error is the square of that, and of sums of some thousand terms.
+    /// Step of difference quotients, whose error is its square, for sums of some thousand terms.
     const DIFFERENCES: f64 = 1e-5;
 
     fn settings(robot: &Robot, base: &BaseParameters) -> SearchSettings {
@@ -395,7 +394,7 @@ mod tests {
         }
     }
 
-    /// A wall that the second link comes near to.
+    /// A wall near the second link.
     fn wall(robot: &Robot) -> ClearanceLimit {
         let ends = [Vector3::zeros(), Vector3::new(0.3, 0.0, 0.0)];
         let shape = ArmShape { capsules: vec![Capsule { link: 2, ends, radius: 0.05 }], pairs: Vec::new() };
@@ -473,7 +472,7 @@ mod tests {
                     assert!(state[2].abs() < 1e-9 * size.max(1.0), "{state:?}");
                 }
             }
-            // sines of these numbers stay inside longer
+            // sines of these variables stay inside longer
             let beyond = if form == SeriesForm::Fourier { 0.1 } else { 1.0 };
             assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > beyond);
             if form == SeriesForm::HarmonicSine {
@@ -490,7 +489,7 @@ mod tests {
                     assert!(limits.jerk.is_none_or(|limit| jerk <= limit));
                 }
             }
-            // what is inside stays as it is
+            // a series inside the limits is unchanged
             assert_eq!(problem.within_limits(tame.clone()), tame, "{size}");
         }
     }

@@ -5,21 +5,21 @@ use serde_json::Value;
 
 use armwatch_model::robot::{FourierExcitation, JointKind, MAX_JOINTS, Robot};
 
-/// What the key `format` says.
+/// Value of the key `format`.
 const FORMAT: &str = "armwatch-trajectory";
-/// The version that is written and read.
+/// The version that is written and accepted.
 const VERSION: u32 = 1;
 
-/// A test motion, and where it came from.
+/// A test motion with its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Programme {
     /// Name of the arm's model.
     pub model: String,
-    /// How the joints move.
+    /// Types of the joints.
     pub kinds: Vec<JointKind>,
     /// The motion.
     pub series: FourierExcitation,
-    /// How it was found; `None` where somebody wrote it.
+    /// How it was found; `None` if it was written by hand.
     pub search: Option<SearchRecord>,
 }
 
@@ -29,47 +29,47 @@ pub struct Programme {
 pub struct SearchRecord {
     /// Version of the program.
     pub armwatch: String,
-    /// What was made small.
+    /// The minimised objective.
     pub objective: String,
-    /// Names of the parameters that it is of.
+    /// Names of the parameters of the objective.
     pub parameters: Vec<String>,
-    /// Which waves were searched: `harmonic-sine`, or `None` for sines and cosines.
+    /// The kind of waves: `harmonic-sine`, or `None` for sines and cosines.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub form: Option<String>,
     /// Seed of the random starts.
     pub seed: u64,
     /// Starts that were tried.
     pub starts: u64,
-    /// The one that this series came from, from 0.
+    /// The start of this series, from 0.
     pub best_start: u64,
     /// Evaluations of cost and slope.
     pub evaluations: u64,
-    /// What each start came to.
+    /// Value of each start.
     pub values: Vec<Option<f64>>,
-    /// Part of the range that was allowed.
+    /// Share of the range that was allowed.
     pub position_share: f64,
-    /// Part of the largest speeds.
+    /// Share of the largest speeds.
     pub speed_share: f64,
-    /// Part of the largest accelerations.
+    /// Share of the largest accelerations.
     pub acceleration_share: f64,
     /// Condition number of the observation matrix of `parameters`, SI units.
     pub condition_number: f64,
     /// The same with columns scaled to unit norm.
     pub scaled_condition_number: f64,
-    /// Rows a second of that matrix, Hz.
+    /// Rows per second of that matrix, Hz.
     pub sample_rate_hz: f64,
-    /// Run whose motion counts as known, and so many seconds of it; `None` where nothing was known.
+    /// Run whose motion counts as known, and its duration in seconds; `None` if there was none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beside: Option<BesideRecord>,
 }
 
-/// Motion that a search counts as known.
+/// Motion that a search assumes to be recorded already.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BesideRecord {
     /// The run.
     pub run: i64,
-    /// So many seconds of its motion.
+    /// Seconds of its motion.
     pub seconds: f64,
 }
 
@@ -96,7 +96,7 @@ impl Programme {
     /// The programme as JSON text.
     ///
     /// # Errors
-    /// What a number that JSON does not have is called; none comes from a search.
+    /// The message for a number that JSON does not support; a search gives none.
     pub fn json(&self) -> Result<String, String> {
         let joint = |(j, kind): (usize, &JointKind)| {
             let (centre, a, b) = (self.series.centre[j], self.series.a[j].clone(), self.series.b[j].clone());
@@ -119,7 +119,7 @@ impl Programme {
     /// Reads a programme.
     ///
     /// # Errors
-    /// What is wrong with the text, with its line where that is known.
+    /// The fault in the text, with its line if known.
     pub fn parse(text: &str) -> Result<Self, String> {
         let value: Value = serde_json::from_str(text).map_err(|error| format!("not JSON: {error}"))?;
         let format = value.get("format").and_then(Value::as_str);
@@ -178,10 +178,10 @@ impl Programme {
         Ok(Self { model: file.robot, kinds, series, search: file.search })
     }
 
-    /// Why this is no programme for `robot`, if it is not.
+    /// Checks that this programme fits `robot`.
     ///
     /// # Errors
-    /// The reason.
+    /// The reason why it does not.
     pub fn fits(&self, robot: &Robot) -> Result<(), String> {
         let of_robot: Vec<JointKind> = robot.joints.iter().map(|joint| joint.kind).collect();
         if of_robot == self.kinds {

@@ -1,8 +1,8 @@
-//! The rows that the analysis makes of a recording of a trajectory: all but those in which a joint is slow, with columns
-//! that jump smeared as its low-pass smears them.
+//! The rows that the analysis makes of a recording of a trajectory: all except those of a slow joint, with jumping
+//! columns smoothed by its low-pass.
 //!
-//! Both take from what is known of Coulomb friction, which shows itself apart from viscous friction where a joint is slow:
-//! the first parameter of the law has a standard deviation up to a quarter larger than that of all rows as they are.
+//! Both reduce the information about Coulomb friction, which differs from viscous friction at low speed: the first
+//! parameter of the law has a standard deviation up to a quarter larger than that of all unfiltered rows.
 
 use super::series::state_at;
 use armwatch_method::NumericsError;
@@ -16,24 +16,24 @@ use armwatch_method::signal::filter::{carried_cutoff, filter_signals, row_step};
 use armwatch_model::robot::{FourierExcitation, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Periods of the cut-off before and behind the motion, over which the low-pass settles.
+/// Settling time of the low-pass before and after the motion, in periods of the cut-off.
 const LEAD_PERIODS: f64 = 6.0;
 
-/// How a test is recorded.
+/// Settings of a test's recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordingPlan {
-    /// Rows a second, Hz.
+    /// Rows per second, Hz.
     pub sample_rate_hz: f64,
     /// Periods of the series.
     pub periods: u32,
-    /// Cut-off of the analysis' low-pass, Hz; a rate that does not carry it gets a lower one.
+    /// Cut-off of the analysis's low-pass, Hz; a sample rate that is too low for it gets a lower one.
     pub cutoff_hz: f64,
     /// Standard deviation of each joint's torque signal, `[n]`, Nm (N); above 0.
     pub noise: Vec<f64>,
 }
 
-/// Triangular factor of each joint's rows over the periods of a recording without noise, `[n]`, over all base parameters;
-/// the torque is zero. A joint that is slow all the time has a factor of no rows.
+/// Triangular factor of each joint's rows over the periods of a recording without noise, `[n]`, over all base
+/// parameters; the torque is zero. A joint that is always slow has a factor without rows.
 ///
 /// # Errors
 /// Those of [`filter_signals`].
@@ -51,12 +51,12 @@ pub fn recorded_factors(
     let columns = FactorColumns::new(robot, base);
     let found = factor_cycle(robot, &columns, &base.kept_columns, &filtered, &jumping, &samples);
     let used = found.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
-    // rows that are not observed say the same again; together they have the noise of one row less
+    // rows that are not observed repeat the information; together they have the noise of one row less
     let rows = row_step(cutoff, rate) as f64 * f64::from(recording.periods);
     Ok(embedded(&columns, used).iter().map(|factor| factor.scaled(rows.sqrt())).collect())
 }
 
-/// One period of a series as the excitation, with so much of it before and behind, s, as moves between stages.
+/// One period of a series as the excitation, with `lead_s` of it before and after, s, as moves between stages.
 fn one_period(robot: &Robot, series: &FourierExcitation, rate: f64, lead_s: f64) -> Samples {
     let lead = (lead_s * rate).ceil() as usize;
     let period = (rate / series.base_frequency).round().max(1.0) as usize;

@@ -1,8 +1,8 @@
 //! Global search for a series: many random starts, each improved by L-BFGS (Liu & Nocedal 1989) on the smooth problem
 //! of [`SearchProblem`], in stages that come closer to the true condition number and to the limits.
 //!
-//! A start depends on the seed and its own number, neither on other starts nor on threads. So the first `k` starts give
-//! the same series on any number of threads, also where it was time that ended the search after `k`.
+//! A start depends only on the seed and its own number, not on other starts or on threads. So the first `k` starts give
+//! the same series on any number of threads, even if a time limit ended the search after `k`.
 
 use std::convert::Infallible;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,8 +17,8 @@ use rand_distr::StandardNormal;
 use crate::problem::{SearchProblem, Strictness};
 use armwatch_model::robot::FourierExcitation;
 
-/// Stages of a start: how strict, and most iterations. Early ones see all singular values and cross limits, so that
-/// they are smooth; the last is the condition number to 1 % and limits to 1e-5.
+/// Stages of a start: strictness, and most iterations. Early ones include all singular values and may cross limits, so
+/// that they are smooth; the last matches the condition number to 1 % and limits to 1e-5.
 const STAGES: [(Strictness, u64); 5] = [
     (Strictness { power: 3.0, penalty: 10.0 }, 120),
     (Strictness { power: 8.0, penalty: 1e2 }, 120),
@@ -27,14 +27,14 @@ const STAGES: [(Strictness, u64); 5] = [
     (Strictness { power: 200.0, penalty: 1e5 }, 250),
 ];
 
-/// Stages that the best starts go through at the end.
+/// Final stages for the best starts.
 const LAST_STAGES: [(Strictness, u64); 2] =
     [(Strictness { power: 600.0, penalty: 1e6 }, 400), (Strictness { power: 2000.0, penalty: 1e7 }, 600)];
 
-/// Starts that go through the last stages: which of the best is the best is not decided before.
+/// Starts that pass the final stages, because only these decide which start is the best.
 const FINALISTS: usize = 4;
 
-/// Slopes smaller than this end a stage, and so does a step that changes the logarithm of the objective by less.
+/// A gradient smaller than this ends a stage, and so does a step that changes the logarithm of the objective by less.
 const SLOPE_TOLERANCE: f64 = 1e-6;
 const COST_TOLERANCE: f64 = 1e-9;
 
@@ -46,43 +46,43 @@ const MEMORY: usize = 20;
 const START_AMPLITUDE: f64 = 0.2;
 const START_CENTRE: f64 = 0.3;
 
-/// Cost of numbers whose motion hides a parameter.
+/// Cost of variables whose motion does not identify every parameter.
 const HOPELESS: f64 = 1e3;
 
-/// How long is searched.
+/// Extent of the search.
 #[derive(Debug, Clone, Copy)]
 pub enum SearchBudget {
-    /// So many starts.
+    /// A number of starts.
     Starts(u64),
-    /// Starts are begun until then.
+    /// New starts until this time.
     Until(Instant),
 }
 
-/// How a search stands.
+/// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchProgress {
-    /// Starts that are done.
+    /// Completed starts.
     pub starts: u64,
     /// The best value so far.
     pub best: f64,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchResult {
     /// The best series, inside all limits of the motion.
     pub series: FourierExcitation,
     /// Its start, from 0.
     pub best_start: u64,
-    /// What it came to: the objective, greater where limits that cannot be kept by making the motion smaller are missed.
+    /// Its value: the objective, larger if it misses limits that a smaller motion does not fulfil.
     pub value: f64,
-    /// What each start came to before the best ones were improved further, in their order.
+    /// Value of each start before the best ones were improved further, in their order.
     pub values: Vec<f64>,
     /// Evaluations of cost and slope, of all starts.
     pub evaluations: u64,
 }
 
-/// What one start came to.
+/// Result of one start.
 #[derive(Clone)]
 struct StartOutcome {
     start: u64,
@@ -91,20 +91,20 @@ struct StartOutcome {
     series: FourierExcitation,
 }
 
-/// What an earlier search with the same problem and seed came to.
+/// Result of an earlier search with the same problem and seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Earlier {
     /// Its best series.
     pub series: FourierExcitation,
     /// The start of that, from 0.
     pub best_start: u64,
-    /// What each of its starts came to, in their order.
+    /// Value of each of its starts, in their order.
     pub values: Vec<f64>,
     /// Evaluations of cost and slope.
     pub evaluations: u64,
 }
 
-/// Searches on `threads` threads, after what was searched `earlier`; `None` where no start gave a motion that shows every
+/// Searches on `threads` threads, after the `earlier` search; `None` if no start gave a motion that identifies every
 /// parameter.
 pub fn search(
     problem: &SearchProblem<'_>,
@@ -117,13 +117,13 @@ pub fn search(
     let first = earlier.map_or(0, |earlier| earlier.values.len() as u64);
     let (next, evaluations) = (AtomicU64::new(first), AtomicU64::new(0));
     let done: Mutex<Vec<StartOutcome>> = Mutex::new(Vec::new());
-    // what is taken is done, so that the starts are those from 0 on without a gap
+    // a start that is taken is completed, so that the starts are those from 0 on without a gap
     let taken = || match budget {
         SearchBudget::Starts(starts) => {
             Some(next.fetch_add(1, Ordering::Relaxed)).filter(|start| *start < first + starts)
         }
         SearchBudget::Until(end) if Instant::now() < end => Some(next.fetch_add(1, Ordering::Relaxed)),
-        // the first is done whatever it takes: nothing is no answer
+        // the first start is always completed: an answer is needed
         SearchBudget::Until(_) => {
             next.compare_exchange(first, first + 1, Ordering::Relaxed, Ordering::Relaxed).ok()
         }
@@ -178,7 +178,7 @@ pub fn search(
     })
 }
 
-/// Does the same work on so many threads.
+/// Does the same work on `threads` threads.
 fn on_threads(threads: usize, work: impl Fn() + Sync) {
     std::thread::scope(|scope| {
         (1..threads.max(1)).for_each(|_| {
@@ -188,7 +188,7 @@ fn on_threads(threads: usize, work: impl Fn() + Sync) {
     });
 }
 
-/// A start, from its numbers, through stages.
+/// Improves a start, from its variables, through stages.
 fn improved(
     problem: &SearchProblem<'_>,
     start: u64,
@@ -204,7 +204,7 @@ fn improved(
             .with_absolute_gradient_tolerance(SLOPE_TOLERANCE)
             .with_absolute_cost_change_tolerance(COST_TOLERANCE);
         let state = FirstOrderState::new(numbers.clone());
-        // a line search that finds no better point ends a stage; the next one is another function
+        // a line search that finds no better point ends a stage; the next stage is another function
         let Ok(result) = Executor::new(smooth, solver, state).max_iter(iterations).run();
         numbers.clone_from(result.best_param());
     }
@@ -213,7 +213,7 @@ fn improved(
     StartOutcome { start, numbers, value, series }
 }
 
-/// Numbers that stand for a random series.
+/// Variables of a random series.
 fn random_numbers(problem: &SearchProblem<'_>, seed: u64, start: u64) -> Vec<f64> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(start);
@@ -227,7 +227,7 @@ fn random_numbers(problem: &SearchProblem<'_>, seed: u64, start: u64) -> Vec<f64
         .collect()
 }
 
-/// The problem at one strictness, as the optimiser asks for it.
+/// The problem at one strictness, in the optimiser's interface.
 struct Smooth<'a, 'b> {
     problem: &'b SearchProblem<'a>,
     strictness: Strictness,
@@ -320,12 +320,12 @@ mod tests {
         assert!(broken_by_series(&robot, &one.series).is_empty());
         let speed = extremes(&one.series, 0).speed.value.abs() / robot.joints[0].limits.velocity;
         assert!((0.89..=0.95).contains(&speed), "{speed}");
-        // time that has passed still gives one start
+        // a time limit in the past still gives one start
         let past =
             search(&problem, 5, SearchBudget::Until(Instant::now()), 2, None, &|_| ()).expect("a series");
         assert_eq!(past.values.len(), 1);
         assert_eq!(past.values[0], one.values[0]);
-        // going on with the second start is trying it; the first one's series stays unless it is beaten
+        // continuing with the second start tries it; the first one's series stays unless it is beaten
         let earlier = Earlier {
             series: past.series.clone(),
             best_start: past.best_start,

@@ -1,6 +1,6 @@
 //! Finite Fourier series at evenly spaced instants of their period [4.19-4.21].
 //!
-//! With `w = 2 pi f` and `l = 1..N`, joint by joint:
+//! With `w = 2 pi f` and `l = 1..N`, for each joint:
 //!
 //! ```text
 //! q   = centre + sum a_l / (w l) sin(w l t) - b_l / (w l) cos(w l t)
@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The source prints the last line without the factor `l`; its own coefficients start without acceleration only with
-//! it. A series starts and ends at rest where `sum a_l = 0`, without acceleration where `sum l b_l = 0`.
+//! it. A series starts and ends at rest if `sum a_l = 0`, and without acceleration if `sum l b_l = 0`.
 
 use std::f64::consts::TAU;
 
@@ -23,12 +23,12 @@ pub struct Basis {
     base_frequency: f64,
     harmonics: usize,
     instants: usize,
-    /// Of each group of [`LANES`] instants and harmonic: sine, cosine.
+    /// Sine and cosine for each group of [`LANES`] instants and harmonic.
     waves: Vec<[Lanes; 2]>,
 }
 
 impl Basis {
-    /// `instants` instants from 0 on over one period of the base frequency, Hz.
+    /// A basis of `instants` instants from 0 on over one period of the base frequency, Hz.
     #[must_use]
     pub fn new(base_frequency: f64, harmonics: usize, instants: usize) -> Self {
         let angle = |k: usize, l: usize| TAU * ((k * l) % instants) as f64 / instants as f64;
@@ -69,7 +69,7 @@ impl Basis {
         TAU * self.base_frequency * l as f64
     }
 
-    /// Groups of [`LANES`] instants; the last may be part full.
+    /// Groups of [`LANES`] instants; the last may be incomplete.
     #[must_use]
     pub fn groups(&self) -> usize {
         self.instants.div_ceil(LANES)
@@ -156,9 +156,9 @@ pub fn state_at(series: &FourierExcitation, t: f64) -> Vec<[f64; 3]> {
     series.a.iter().zip(&series.b).zip(&series.centre).map(of_joint).collect()
 }
 
-/// The factor by which a series of `harmonics` harmonics may exceed its largest magnitude at `instants` evenly spaced
-/// instants of its period: `1 / cos(pi N / M)` for `M > 2 N` (Ehlich & Zeller 1964, Schwankung von Polynomen zwischen
-/// Gitterpunkten). Infinite where the instants are too few.
+/// Upper bound of the largest magnitude of a series of `harmonics` harmonics, relative to that at `instants` evenly
+/// spaced instants of its period: `1 / cos(pi N / M)` for `M > 2 N` (Ehlich & Zeller 1964, Schwankung von Polynomen
+/// zwischen Gitterpunkten). Infinite if there are too few instants.
 #[must_use]
 pub fn between_instants(harmonics: usize, instants: usize) -> f64 {
     if instants <= 2 * harmonics {
@@ -174,7 +174,7 @@ mod tests {
 
     /// Rounding of a few sums.
     const ROUNDING: f64 = 1e-12;
-    /// Central differences over 1 ms of motions whose third derivatives are some hundred rad/s³.
+    /// Error of central differences over 1 ms of motions whose third derivatives are some hundred rad/s³.
     const DIFFERENCES: f64 = 1e-4;
 
     #[test]
@@ -205,7 +205,7 @@ mod tests {
         assert_eq!(basis.present(62).0, [1.0, 1.0, 0.0, 0.0]);
     }
 
-    /// A single harmonic whose crest lies midway between two of its instants reaches the bound.
+    /// A single harmonic whose crest is midway between two of its instants reaches the bound.
     #[test]
     fn a_crest_between_instants_is_within_the_bound_and_can_reach_it() {
         let instants = 12;

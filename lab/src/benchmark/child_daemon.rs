@@ -1,4 +1,4 @@
-//! A daemon in a process of its own, as a benchmark watches it: what it says to the service manager, its memory and its
+//! A daemon in a child process, as a benchmark observes it: its messages to the service manager, its memory and its
 //! open files.
 
 use std::os::unix::net::UnixDatagram;
@@ -13,31 +13,31 @@ use super::throughput::memory_mb;
 use crate::context::LabOptions;
 use armwatch::cli::context::CliError;
 
-/// How long a daemon may take to end when it is asked to.
+/// Longest time for a daemon to end on request.
 const TO_END: Duration = Duration::from_secs(60);
-/// How often it is looked whether it has ended.
+/// Interval of checks that it has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Settings of glibc's allocator, as the unit of the service and the container have them. With its eight arenas for each
-/// processor, what threads free lies in more places than is used again; without fixed thresholds, it keeps ever larger pieces
-/// for itself.
+/// Settings of glibc's allocator, like those of the service unit and the container. By default, eight arenas per
+/// processor keep memory that threads have freed and that is not reused; without fixed thresholds, the allocator keeps
+/// ever larger blocks.
 const ALLOCATOR: [(&str, &str); 3] =
     [("MALLOC_ARENA_MAX", "2"), ("MALLOC_MMAP_THRESHOLD_", "262144"), ("MALLOC_TRIM_THRESHOLD_", "1000000")];
 
-/// How a daemon is started.
+/// Options for starting a daemon.
 pub(super) struct Launch<'l> {
-    /// Of its socket, in the folder that it works in.
+    /// Name of its socket, in its working folder.
     pub(super) name: &'l str,
-    /// Without one, the shipped configuration.
+    /// Its configuration; the shipped one if `None`.
     pub(super) config: Option<&'l Path>,
     /// The only processor that it may use.
     pub(super) processor: Option<usize>,
 }
 
-/// A daemon with its inbox in a folder of its own.
+/// A daemon with its inbox in a separate folder.
 pub(super) struct ChildDaemon {
     child: Child,
-    /// What it says to the service manager arrives here.
+    /// Receives its messages to the service manager.
     said: UnixDatagram,
 }
 
@@ -82,12 +82,12 @@ impl ChildDaemon {
         Ok(Self { child, said })
     }
 
-    /// Processor time of all its threads, s; `None` where the system does not tell.
+    /// Processor time of all its threads, s; `None` if the system does not report it.
     pub(super) fn cpu_s(&self) -> Option<f64> {
         process_cpu_s(self.child.id())
     }
 
-    /// What it has said since it was asked last, in its order: lines such as `READY=1` and `STATUS=0 exports ...`.
+    /// Its messages since the last call, in order: lines such as `READY=1` and `STATUS=0 exports ...`.
     pub(super) fn said(&self) -> Vec<String> {
         let mut buffer = [0; 1024];
         let mut lines = Vec::new();
@@ -97,23 +97,23 @@ impl ChildDaemon {
         lines
     }
 
-    /// Resident memory, MB; `None` where the system does not tell.
+    /// Resident memory, MB; `None` if the system does not report it.
     pub(super) fn memory_mb(&self) -> Option<f64> {
         memory_mb(Path::new(&format!("/proc/{}/status", self.child.id())), "VmRSS:")
     }
 
-    /// Open files; `None` where the system does not tell.
+    /// Open files; `None` if the system does not report them.
     pub(super) fn handles(&self) -> Option<f64> {
         Some(std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).ok()?.count() as f64)
     }
 
-    /// An error if it has ended.
+    /// Returns an error if it has ended.
     pub(super) fn check(&mut self) -> Result<(), CliError> {
         let ended = self.child.try_wait().map_err(|error| CliError::Io(error.to_string()))?;
         ended.map_or(Ok(()), |status| Err(CliError::Internal(format!("the daemon ended: {status}"))))
     }
 
-    /// Asks it to end, and waits for that.
+    /// Requests its end, and waits for it.
     pub(super) fn stop(mut self) -> Result<(), CliError> {
         let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
         let pid = pid.ok_or_else(|| CliError::Internal("a process without number".into()))?;
@@ -132,7 +132,7 @@ impl ChildDaemon {
 
 impl Drop for ChildDaemon {
     fn drop(&mut self) {
-        // does nothing to one that has ended
+        // has no effect if it has ended
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

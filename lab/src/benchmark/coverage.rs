@@ -1,4 +1,5 @@
-//! `armwatch-lab benchmark coverage`: whether intervals hold the truth as often as they say.
+//! `armwatch-lab benchmark coverage`: how often intervals contain the true value, compared with their nominal
+//! probability.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -31,9 +32,9 @@ use armwatch_simulate::{SimulationSettings, simulate_run};
 use armwatch_trajectory::prediction::predict;
 use armwatch_trajectory::recorded_rows::RecordingPlan;
 
-/// Coverage that counts as honest for nominal 95 %.
+/// Accepted coverage of nominal 95 % intervals.
 const HONEST: [f64; 2] = [0.93, 0.97];
-/// Time after which nothing of a cold start is left, s.
+/// Time after which no effect of a cold start remains, s.
 const LONG_WARM_S: f64 = 1e7;
 /// Nominal probability of the intervals.
 const LEVEL: f64 = 0.95;
@@ -159,8 +160,8 @@ pub(crate) fn coverage(global: &LabOptions, args: &CoverageArgs) -> Result<u8, C
     Ok(if honest { EXIT_DONE } else { EXIT_FOUND })
 }
 
-/// What errors over those of the description's own motion are multiplied by, so that both have as much time: series of
-/// other durations alone can be compared so.
+/// Factor of errors relative to those of the description's own motion, so that both have the same time: only this makes
+/// series of other durations comparable.
 fn equal_time(args: &CoverageArgs, driven: &Robot, own: &FourierExcitation) -> f64 {
     match &driven.excitation {
         Some(series) if args.series_alone => (own.base_frequency / series.base_frequency).sqrt(),
@@ -168,8 +169,8 @@ fn equal_time(args: &CoverageArgs, driven: &Robot, own: &FourierExcitation) -> f
     }
 }
 
-/// Predicted standard deviations over the scatter of the values, by parameter; `None` where more than one period is driven, or
-/// noise is not white.
+/// Predicted standard deviations divided by the scatter of the values, by parameter; `None` if there is more than one
+/// period, or noise is not white.
 fn predicted_over_scatter(
     args: &CoverageArgs,
     method: &Method,
@@ -186,13 +187,13 @@ fn predicted_over_scatter(
     Ok(Some(pairs.map(|(predicted, scatter)| predicted / scatter).collect()))
 }
 
-/// Part of the ratios that are within 10 % of 1.
+/// Share of the ratios that are within 10 % of 1.
 fn within(ratios: &[f64]) -> f64 {
     let near = ratios.iter().filter(|ratio| (0.9..=1.1).contains(*ratio));
     near.count() as f64 / ratios.len() as f64
 }
 
-/// Simulates and counts what was asked for, with a progress bar.
+/// Simulates and counts, with a progress bar.
 fn counted(args: &CoverageArgs, method: &Method, layout: &Layout) -> Result<Coverage, CountError> {
     let shipped = SensorSettings::default();
     let settings = ExactSettings {
@@ -234,18 +235,18 @@ fn estimator(name: &str) -> Result<Estimator, String> {
     found.ok_or_else(|| "takes ordinary, weighted or huber".into())
 }
 
-/// Which parameters a line of the table is about.
+/// Selects the parameters of a table line.
 type ParameterClass = fn(ParameterKind) -> bool;
 
-/// How often intervals held the truth.
+/// Result of counting.
 #[derive(Debug)]
 struct Coverage {
     ids: Vec<ParameterId>,
-    /// Seeds whose interval held the truth, by parameter.
+    /// Number of seeds whose interval contained the true value, by parameter.
     inside: Vec<u64>,
-    /// Mean deviation in standard errors, by parameter: what is left of bias.
+    /// Mean deviation in standard errors, by parameter: the bias.
     bias: Vec<f64>,
-    /// Mean standard error over the scatter of the values, by parameter; 1 if honest.
+    /// Mean standard error divided by the scatter of the values, by parameter; 1 if correct.
     error_ratio: Vec<f64>,
     /// Standard deviation of the values, by parameter, in its own unit.
     scatter: Vec<f64>,
@@ -255,7 +256,7 @@ struct Coverage {
 }
 
 impl Coverage {
-    /// True errors over those of another motion, by parameter: smallest, median and largest.
+    /// True errors relative to those of another motion, by parameter: smallest, median and largest.
     fn errors_over(&self, other: &Self) -> [f64; 3] {
         let pairs = self.true_error.iter().zip(&other.true_error);
         let mut ratios: Vec<f64> = pairs.map(|(own, other)| own / other).collect();
@@ -311,7 +312,7 @@ impl Coverage {
     }
 }
 
-/// Analyses the cycles for the seeds 1 to `seeds` and counts. `progress` hears of every one.
+/// Analyses the cycles for the seeds 1 to `seeds` and counts. `progress` is called for each.
 fn count(
     method: &Method,
     seeds: u64,
@@ -353,13 +354,13 @@ fn count(
     Ok(found)
 }
 
-/// An excitation stage that the identifier's model fits.
+/// An excitation stage that the identifier's model fits exactly.
 fn exact_cycle(robot: &Robot, settings: &ExactSettings, seed: u64) -> Result<Cycle, CountError> {
     let samples = record_excitation(robot, &ExactSettings { seed, ..*settings })?;
     Ok(Cycle { number: 1, samples })
 }
 
-/// The cycle of an export as the daemon would read it, of an arm that has been warm for long.
+/// The cycle of an export as the daemon would read it, from an arm that has been warm for long.
 fn exported_cycle(
     robot: &Robot,
     rate_hz: f64,
@@ -383,13 +384,13 @@ fn exported_cycle(
     cycle.ok_or_else(|| CountError::Refused("the export holds no cycle".into()))
 }
 
-/// Nominal parameters in natural order; zero where a joint has none, which the simulator refuses.
+/// Nominal parameters in natural order; zero if a joint has none, which the simulator refuses.
 fn natural_values(robot: &Robot) -> Vec<f64> {
     let value = |id| nominal_value(robot, id).unwrap_or(0.0);
     ParameterId::natural_order(robot).into_iter().map(value).collect()
 }
 
-/// Why nothing could be counted.
+/// Why counting failed.
 #[derive(Debug, thiserror::Error)]
 enum CountError {
     #[error(transparent)]
@@ -416,8 +417,8 @@ mod tests {
         let cycle = |seed| exact_cycle(&method.robot, &settings, seed);
         let found = count(&method, 20, &cycle, &|| ()).expect("identifies");
         let share = found.share(|_| true);
-        // 20 seeds of 64 parameters, which share their noise within a seed: as if 20 times 16 were
-        // independent, 95 % scatter by 1.2 %; three times that.
+        // 20 seeds of 64 parameters, which share their noise within a seed: if 20 times 16 were independent, 95 %
+        // scatter by 1.2 %; three times that.
         assert!((share - LEVEL).abs() < 0.036, "{}", found.table());
     }
 }

@@ -1,4 +1,4 @@
-//! `armwatch-lab benchmark daemons`: exports a minute of one daemon and of several on one database of a server.
+//! `armwatch-lab benchmark daemons`: exports per minute of one daemon and of several on one server database.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,21 +16,21 @@ use armwatch_config::{is_on_server, shipped_files};
 use armwatch_method::statistics::descriptive::median;
 use armwatch_store::{ClaimKind, SessionKind, Store};
 
-/// How often it is looked whether all is stored, before nine tenths are and from then on; looking takes time of the server.
+/// Interval of checks that all is stored, before nine tenths are stored and afterwards; checks take time of the server.
 const SELDOM: Duration = Duration::from_millis(1500);
 const LOOK: Duration = Duration::from_millis(150);
-/// Exports of one turn that are not stored by then never will be.
+/// Time after which missing exports of a turn count as failed.
 const LONGEST: Duration = Duration::from_secs(1800);
 /// Claims whose time is measured.
 const CLAIMS: usize = 300;
-/// Rows a second of the exports, Hz.
+/// Rows per second of the exports, Hz.
 const RATE_HZ: f64 = 250.0;
 /// Shift of time between two exports, so that no two have the same content, s.
 const SHIFT_S: f64 = 1e-3;
-/// A new file is looked at so often, s; all lie there when a turn begins.
+/// Scan interval, s; all files exist when a turn begins.
 const SCAN_S: f64 = 0.1;
 
-/// The arm that all exports are of.
+/// The arm of all exports.
 const ROBOT: &str =
     "[[robot]]\nname = \"*\"\ndescription = \"robots/er3a.toml\"\nlayout = \"exports/native.toml\"\n";
 
@@ -65,7 +65,7 @@ pub(crate) struct DaemonsArgs {
     rounds: u32,
 }
 
-/// Where the results of a turn go, and how many daemons take its exports.
+/// Database of a turn, and the number of daemons that read its exports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Setup {
     File,
@@ -89,13 +89,13 @@ impl Setup {
     }
 }
 
-/// What a turn took.
+/// Times of a turn.
 #[derive(Debug, Clone, Copy)]
 struct RoundTimes {
     wall_s: f64,
-    /// Of all daemons.
+    /// Processor time of all daemons.
     daemons_cpu_s: f64,
-    /// Of everything else on the machine; `None` where the system does not tell.
+    /// Processor time of everything else on the machine; `None` if the system does not report it.
     others_cpu_s: Option<f64>,
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn daemons(global: &LabOptions, args: &DaemonsArgs) -> Result<u8, Cli
     let setups = [Setup::File, Setup::Server(1), Setup::Server(args.daemons)];
     let mut turns: Vec<(Setup, Vec<RoundTimes>)> = setups.map(|setup| (setup, Vec::new())).into();
     let [claim_ms, release_ms] = runtime.block_on(async {
-        // the schema is there before daemons start together
+        // create the schema before daemons start together
         let store = Store::open(&address).await?;
         if store.counts().await?.robots > 0 {
             return Err(CliError::Usage(
@@ -148,13 +148,13 @@ pub(crate) fn daemons(global: &LabOptions, args: &DaemonsArgs) -> Result<u8, Cli
     Ok(EXIT_DONE)
 }
 
-/// Exports of one turn, beside the folder in which they will be seen.
+/// Exports of one turn, next to their later folder.
 struct Exports {
     paths: Vec<PathBuf>,
 }
 
 impl Exports {
-    /// Writes so many copies of an export below a folder, each of a robot of its own and with times of its own.
+    /// Writes `count` copies of an export below a folder, each with a separate robot and separate times.
     fn write(origin: &Path, folder: &Path, count: u32, first: u32) -> Result<Self, CliError> {
         let waiting = folder.join("waiting");
         for made in [&waiting, &folder.join("inbox")] {
@@ -173,7 +173,7 @@ impl Exports {
         Ok(Self { paths })
     }
 
-    /// Lets daemons see them, each as a whole.
+    /// Moves them into the inbox, each as a whole.
     fn show(&self, inbox: &Path) -> Result<(), CliError> {
         for path in &self.paths {
             let shown = inbox.join(path.file_name().unwrap_or_default());
@@ -185,7 +185,7 @@ impl Exports {
     }
 }
 
-/// Starts the daemons of a turn, shows them the exports, and waits until all are stored and concluded.
+/// Starts the daemons of a turn, moves the exports into the inbox, and waits until all are stored and concluded.
 async fn take(
     global: &LabOptions,
     folder: &Path,
@@ -216,7 +216,7 @@ async fn take(
     let wanted = before + exports.paths.len() as u64;
     loop {
         children.iter_mut().try_for_each(ChildDaemon::check)?;
-        // a service manager listens
+        // acts as the service manager
         children.iter().for_each(|child| drop(child.said()));
         let stored = store.counts().await?.complete_runs;
         if stored >= wanted && store.stale_robots().await?.is_empty() {
@@ -257,7 +257,7 @@ fn start(
         std::fs::create_dir_all(parent).map_err(|error| named(parent, &error))?;
         std::fs::write(&path, text).map_err(|error| named(&path, &error))?;
     }
-    // a string of JSON is one of TOML too
+    // a JSON string is a TOML string too
     let database = json!(database.to_string_lossy());
     let text = format!("database = {database}\n[watch]\nscan_interval_s = {SCAN_S}\n{cluster}{ROBOT}");
     std::fs::write(&config, text).map_err(|error| named(&config, &error))?;
@@ -277,7 +277,7 @@ async fn until_ready(child: &mut ChildDaemon) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Median times of a claim and of giving it back, ms.
+/// Median times of a claim and of its release, ms.
 async fn claim_times(store: &Store) -> Result<[f64; 2], CliError> {
     let session = store.join(SessionKind::Command).await?;
     let (mut claims, mut releases) = (Vec::new(), Vec::new());
@@ -294,7 +294,7 @@ async fn claim_times(store: &Store) -> Result<[f64; 2], CliError> {
     Ok([claims, releases].map(|times| median(&times).unwrap_or(f64::NAN)))
 }
 
-/// Medians of the turns of a setup: exports a minute, and processor times for each export, s.
+/// Medians of the turns of a setup: exports per minute, and processor times for each export, s.
 struct TurnMedians {
     title: String,
     exports_a_min: f64,

@@ -1,4 +1,5 @@
-//! `armwatch-lab benchmark history`: time of the questions of a conclusion, and of the shipped queries, on a long history.
+//! `armwatch-lab benchmark history`: time of the queries of a conclusion, and of the shipped queries, on a long
+//! history.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -20,13 +21,14 @@ use armwatch_model::analysis::Estimator;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_store::{Store, SyntheticSize};
 
-/// A query that took longer is not asked a second time.
+/// A query that took longer is not repeated.
 const ASKED_AGAIN: Duration = Duration::from_secs(5);
 
-/// Tests of a baseline, as the shipped configuration has it.
+/// Tests of a baseline in the shipped configuration.
 const BASELINE_RUNS: usize = 5;
 
-/// Conclusions after the first. Their median is printed: SQLite moves what the first has written into its file in one of them.
+/// Conclusions after the first. Their median is printed, because in one of them SQLite moves the writes of the first
+/// into its file.
 const LATER: usize = 5;
 
 /// Queries that are printed.
@@ -66,7 +68,7 @@ pub(crate) struct HistoryArgs {
     keep: Option<PathBuf>,
 }
 
-/// A question and how long its answer took.
+/// A query and its duration.
 struct TimedQuestion {
     collection: &'static str,
     question: String,
@@ -100,7 +102,7 @@ pub(crate) fn history(global: &LabOptions, args: &HistoryArgs) -> Result<u8, Cli
 /// The shipped queries about the first robot.
 async fn of_queries(store: &Store, size: SyntheticSize) -> Result<Vec<TimedQuestion>, CliError> {
     let robot = "S001";
-    // one test a day
+    // one test per day
     let began = FIRST_START.parse::<Timestamp>().map_err(|error| CliError::Internal(error.to_string()))?;
     let until = began + SignedDuration::from_hours(24 * i64::from(size.runs));
     let mut asked = Vec::new();
@@ -118,22 +120,22 @@ async fn of_queries(store: &Store, size: SyntheticSize) -> Result<Vec<TimedQuest
     Ok(asked)
 }
 
-/// What a conclusion asks of the database, and what else takes time in it.
+/// Queries of a conclusion, and its other work.
 struct ConclusionCost {
     asked: Vec<TimedQuestion>,
-    /// Those of tests, and those of ordinary work.
+    /// Detectors of tests, and of production.
     detectors: [TimedQuestion; 2],
     /// All questions of the slowest conclusion after the first.
     slowest: Duration,
-    /// Logs of ordinary work that were judged, the first time and then.
+    /// Production logs that were evaluated, the first time and afterwards.
     logs: [usize; 2],
-    /// Tests whose cycles were judged again, the first time and then.
+    /// Tests whose cycles were evaluated again, the first time and afterwards.
     recomputed: [usize; 2],
-    /// Tests that the detectors had.
+    /// Tests that were passed to the detectors.
     judged: [usize; 2],
 }
 
-/// The questions of a conclusion of the first robot, in its order, and its detectors.
+/// The queries of a conclusion of the first robot, in order, and its detectors.
 async fn of_conclusion(store: &Store) -> Result<ConclusionCost, PipelineError> {
     let names = [
         "latest warm friction",
@@ -213,7 +215,8 @@ async fn of_conclusion(store: &Store) -> Result<ConclusionCost, PipelineError> {
     })
 }
 
-/// One conclusion: times of its questions and of its detectors (of tests and of ordinary work), and how much they had.
+/// One conclusion: times of its queries and of its detectors (of tests and of production), and the amount of their
+/// data.
 struct TimedConclusion {
     times: [Duration; 7],
     detectors: [Duration; 2],
@@ -223,7 +226,7 @@ struct TimedConclusion {
 }
 
 impl TimedConclusion {
-    /// Time of all questions.
+    /// Time of all queries.
     fn asking(&self) -> Duration {
         self.times.iter().sum()
     }

@@ -1,26 +1,26 @@
-//! Processor times as Linux tells them below `/proc`, in hundredths of a second (proc(5), `USER_HZ`).
+//! Processor times from `/proc` of Linux, in hundredths of a second (proc(5), `USER_HZ`).
 
 const TICKS_A_SECOND: f64 = 100.0;
 
-/// Of all threads of a process that runs, user and system, s: fields 14 and 15 of its `stat`; `None` where the system does not
-/// tell.
+/// Time of all threads of a running process, user and system, s: fields 14 and 15 of its `stat`; `None` if the system
+/// does not report it.
 pub(super) fn process_cpu_s(pid: u32) -> Option<f64> {
     fields(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?, 14)
 }
 
-/// Of the children of this process that ended, s: fields 16 and 17; zero where the system does not tell.
+/// Time of the ended children of this process, s: fields 16 and 17; zero if the system does not report it.
 pub(super) fn children_cpu_s() -> f64 {
     std::fs::read_to_string("/proc/self/stat").ok().and_then(|stat| fields(&stat, 16)).unwrap_or(0.0)
 }
 
-/// The sum of two fields, counted from one. The name before them may hold spaces, and ends with a bracket.
+/// The sum of two fields, counted from one. The name before them may contain spaces, and ends with a bracket.
 fn fields(stat: &str, first: usize) -> Option<f64> {
     let fields = stat.rsplit(')').next()?.split_whitespace();
     let ticks: Vec<f64> = fields.skip(first - 3).take(2).filter_map(|ticks| ticks.parse().ok()).collect();
     (ticks.len() == 2).then(|| ticks.iter().sum::<f64>() / TICKS_A_SECOND)
 }
 
-/// Of everything on this machine since it started, without idle time, s; `None` where the system does not tell.
+/// Busy time of this machine since it started, without idle time, s; `None` if the system does not report it.
 pub(super) fn machine_cpu_s() -> Option<f64> {
     let stat = std::fs::read_to_string("/proc/stat").ok()?;
     let ticks: Vec<f64> =

@@ -1,9 +1,9 @@
-//! The shipped queries, as statements about the first robot of a synthetic history: those of `examples/questions.sql`, of
-//! `dashboards/` with their defaults, and of the panels for Grafana over the last 90 days.
+//! The shipped queries, as statements about the first robot of a synthetic history: those of `examples/questions.sql`,
+//! of `dashboards/` with their defaults, and of the panels for Grafana over the last 90 days.
 
 use armwatch::cli::context::CliError;
 
-/// A collection, and its files with their text.
+/// A collection: its name, and its files with their text.
 type Files = (&'static str, &'static [(&'static str, &'static str)]);
 
 const QUESTIONS: &str = include_str!("../../../examples/questions.sql");
@@ -14,7 +14,7 @@ macro_rules! dashboards {
     };
 }
 
-/// Queries with parameters, all of which may be left out.
+/// Queries with optional parameters.
 const DASHBOARDS: Files = (
     "dashboards",
     dashboards!(
@@ -39,21 +39,21 @@ const GRAFANA: Files = (
     ),
 );
 
-/// Days that a panel for Grafana looks back.
+/// Period of a panel for Grafana, days.
 const PANEL_DAYS: i64 = 90;
 
 /// A query.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ShippedQuery {
-    /// Where it is from.
+    /// Its collection.
     pub(super) collection: &'static str,
-    /// What it is called there.
+    /// Its name in the collection.
     pub(super) name: String,
     /// The statement.
     pub(super) statement: String,
 }
 
-/// All of them, about the robot of this name; `until` is the end of its history, RFC 3339.
+/// All queries, about the robot of this name; `until` is the end of its history, RFC 3339.
 pub(super) fn shipped_queries(robot: &str, until: jiff::Timestamp) -> Result<Vec<ShippedQuery>, CliError> {
     let mut found: Vec<ShippedQuery> = questions(QUESTIONS)
         .into_iter()
@@ -92,7 +92,7 @@ fn questions(text: &str) -> Vec<(&str, &str)> {
     sections.filter_map(|section| section.split_once(";\n")?.0.split_once('\n')).collect()
 }
 
-/// The statement with NULL in place of each parameter `:name`.
+/// The statement with NULL instead of each parameter `:name`.
 fn without_parameters(text: &str) -> String {
     let mut parts = text.split(':');
     let mut statement = parts.next().unwrap_or_default().to_owned();
@@ -121,7 +121,7 @@ fn panels(dashboard: &serde_json::Value) -> Vec<(String, &str)> {
     found
 }
 
-/// The statement with bounds in place of Grafana's `$__timeFilter(column)`.
+/// The statement with bounds instead of Grafana's `$__timeFilter(column)`.
 fn with_time(statement: &str, since: jiff::Timestamp, until: jiff::Timestamp) -> String {
     let mut parts = statement.split("$__timeFilter(");
     let mut found = parts.next().unwrap_or_default().to_owned();

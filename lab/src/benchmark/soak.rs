@@ -1,4 +1,4 @@
-//! `armwatch-lab benchmark soak`: memory, open files and latency of a daemon before robots that write without pause.
+//! `armwatch-lab benchmark soak`: memory, open files and latency of a daemon while robots write without pause.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -15,19 +15,19 @@ use armwatch_method::statistics::descriptive::median;
 use armwatch_method::statistics::slope::{MedianSlope, median_slope};
 use armwatch_store::{Store, StoreError};
 
-/// How often robots write.
+/// Time between two writes of the robots.
 const TICK: Duration = Duration::from_millis(20);
-/// How often the database is asked; latencies are known to this.
+/// Interval of database queries, which is the resolution of latencies.
 const ASKED: Duration = TICK;
-/// How often memory and open files are looked at.
+/// Time between two measurements of memory and open files.
 const LOOK: Duration = Duration::from_secs(1);
-/// How long the last tests may take.
+/// Longest time for the last tests.
 const LAST_TESTS: Duration = Duration::from_secs(60);
-/// Share of the time that does not count: threads, caches and memory pools fill in it.
+/// Initial share of the time that is excluded: threads, caches and memory pools fill in it.
 const FIRST_SHARE: f64 = 0.25;
-/// Parts of the time whose medians give the slope, so that figures that hang together count once.
+/// Parts of the time whose medians give the slope, so that correlated values count once.
 const PARTS: usize = 24;
-/// Growth over the whole time that counts as none, as a share of the figure's median.
+/// Growth over the whole time that counts as zero, as a share of the quantity's median.
 const FLAT: f64 = 0.05;
 /// Probability of the interval of a slope.
 const LEVEL: f64 = 0.95;
@@ -82,10 +82,10 @@ fn minutes(text: &str) -> Result<f64, String> {
         .ok_or("takes 0.1 to 100000".into())
 }
 
-/// A figure over time: when, in minutes since the start, and what.
+/// A quantity over time: minutes since the start, and value.
 type SoakSeries = Vec<(f64, f64)>;
 
-/// What was seen.
+/// The measurements.
 #[derive(Default)]
 struct SoakObservations {
     memory_mb: SoakSeries,
@@ -112,14 +112,14 @@ pub(crate) fn soak(global: &LabOptions, args: &SoakArgs) -> Result<u8, CliError>
     Ok(if is_well { EXIT_DONE } else { EXIT_FOUND })
 }
 
-/// Lets robots write before a daemon, and looks at it.
+/// Runs a daemon while robots write, and measures it.
 async fn watched(
     global: &LabOptions,
     folder: &Path,
     writers: &mut Writers,
     minutes: f64,
 ) -> Result<SoakObservations, CliError> {
-    // the database is there before it is asked
+    // create the database before it is queried
     let database = folder.join("armwatch.db");
     Store::open(&database).await?.close().await?;
     let folder = folder.canonicalize().map_err(|error| CliError::Io(error.to_string()))?;
@@ -137,7 +137,7 @@ async fn watched(
         let now = began.elapsed().as_secs_f64() / 60.0;
         if next_look.elapsed() > LOOK && began.elapsed() < length {
             next_look = Instant::now();
-            // a service manager listens; one that does not makes the daemon wait
+            // acts as the service manager; a daemon waits if its messages are not read
             daemon.said();
             seen.memory_mb.extend(daemon.memory_mb().map(|memory| (now, memory)));
             seen.handles.extend(daemon.handles().map(|handles| (now, handles)));
@@ -160,7 +160,7 @@ async fn watched(
     Ok(seen)
 }
 
-/// Tests that are written and not yet stored, and those that are stored and not yet concluded from.
+/// Tests that are written and not yet stored, and those that are stored without conclusions.
 #[derive(Default)]
 struct Backlog {
     stored: Vec<WrittenTest>,
@@ -195,7 +195,7 @@ impl Backlog {
     }
 }
 
-/// Whether a figure stays as it is.
+/// Verdict on the constancy of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Steadiness {
     Flat,
@@ -215,7 +215,7 @@ impl Steadiness {
     }
 }
 
-/// A figure over time with its slope an hour.
+/// A quantity over time with its slope per hour.
 struct SoakFigure {
     title: &'static str,
     key: &'static str,
@@ -234,7 +234,7 @@ impl SoakFigure {
             let span = minutes * (1.0 - FIRST_SHARE);
             verdict(slope.interval.map(|end| end * span), FLAT * typical)
         });
-        // a minute's slope is small: tell an hour's
+        // the slope per minute is small: report it per hour
         let slope = slope.map(|slope| MedianSlope {
             value: 60.0 * slope.value,
             interval: slope.interval.map(|end| 60.0 * end),
@@ -242,14 +242,14 @@ impl SoakFigure {
         Self { title, key, series, slope, verdict }
     }
 
-    /// Median of the values between two moments.
+    /// Median of the values between two times.
     fn between(&self, from: f64, to: f64) -> Option<f64> {
         let inside = self.series.iter().filter(|(at, _)| (from..to).contains(at)).map(|(_, value)| *value);
         median(&inside.collect::<Vec<f64>>())
     }
 }
 
-/// What the interval of a change says, where one of less than `flat` is none.
+/// The verdict from the interval of a change; a change below `flat` counts as zero.
 fn verdict([low, high]: [f64; 2], flat: f64) -> Steadiness {
     if low.abs() <= flat && high.abs() <= flat {
         Steadiness::Flat
@@ -335,7 +335,7 @@ fn report(global: &LabOptions, args: &SoakArgs, writers: &Writers, figures: &[So
     output::line(&output::table(&["", "median", "p99", "change an hour (95 %)", "verdict"], &rows));
 }
 
-/// The value that this share does not exceed.
+/// The quantile of the values for this share.
 fn quantile(series: &SoakSeries, share: f64) -> Option<f64> {
     let mut values = values(series);
     values.sort_unstable_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Robots that write exports without pause, many times as fast as they recorded them.
+//! Robots that write exports without pause, many times as fast as recorded.
 
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
@@ -12,11 +12,11 @@ use armwatch::cli::context::CliError;
 use armwatch::cli::shared::shipped_robot::shipped_robot;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
-/// Tests that are simulated; all others are these with another first row.
+/// Simulated tests; all others are copies with another first row.
 const DISTINCT: u32 = 8;
 /// Start of the first test; each test of a robot is a day later than the one before.
 const FIRST_START: &str = "2026-01-05T08:47:00Z";
-/// Exports of a robot that stay in the folder; older ones are deleted, as by the control that wrote them.
+/// Exports of a robot that stay in the folder; older ones are deleted, like by the controller that wrote them.
 const KEPT_EXPORTS: usize = 50;
 
 /// A simulated test.
@@ -35,7 +35,7 @@ pub(super) struct WrittenTest {
     pub(super) at: Instant,
 }
 
-/// Robots at work.
+/// Running robots.
 pub(super) struct Writers {
     inbox: PathBuf,
     origins: Vec<SimulatedTest>,
@@ -43,14 +43,14 @@ pub(super) struct Writers {
     speed: f64,
     /// When they began, at the first call of [`Writers::write`].
     began: Option<Instant>,
-    /// Recording time that is written, s.
+    /// Written recording time, s.
     pub(super) recorded_s: f64,
 }
 
 struct SoakRobot {
     name: String,
     tests: u32,
-    /// When the next test begins: with the end of the one before at the robot's speed, not when that was noticed.
+    /// When the next test begins: at the end of the one before by the robot's speed, not when that was noticed.
     next: Option<Instant>,
     open: Option<OpenExport>,
     /// Exports in the folder, oldest first.
@@ -73,9 +73,9 @@ pub(super) struct Pace {
     pub(super) robots: u32,
     /// Cycles of each test.
     pub(super) cycles: u32,
-    /// Rows a second of recording, Hz.
+    /// Rows per second of recording, Hz.
     pub(super) rate_hz: f64,
-    /// Recording time over time of writing.
+    /// Ratio of recording time to writing time.
     pub(super) speed: f64,
 }
 
@@ -110,19 +110,19 @@ impl Writers {
         Ok(Self { inbox, origins, robots, speed: pace.speed, began: None, recorded_s: 0.0 })
     }
 
-    /// Tests that were begun.
+    /// Number of started tests.
     pub(super) fn tests(&self) -> u32 {
         self.robots.iter().map(|robot| robot.tests).sum()
     }
 
-    /// When a robot begins its first test: all are spread over the time of one, since robots of a plant do not end theirs
-    /// together.
+    /// When a robot starts its first test: the starts are spread over the duration of one test, since robots of a plant
+    /// do not end theirs together.
     fn first_begin(&self, place: usize) -> Duration {
         let of_a_test = self.origins[0].recorded.as_secs_f64() / self.speed;
         Duration::from_secs_f64(of_a_test * place as f64 / self.robots.len() as f64)
     }
 
-    /// Lets every robot write what it has recorded by now; the tests that came to their end.
+    /// Lets every robot write the rows recorded by now; returns the tests that ended.
     pub(super) fn write(&mut self) -> Result<Vec<WrittenTest>, CliError> {
         let began = *self.began.get_or_insert_with(Instant::now);
         let mut written = Vec::new();
@@ -171,7 +171,7 @@ impl Writers {
         let started = first + SignedDuration::from_hours(24 * i64::from(robot.tests));
         let path = self.inbox.join(format!("{}_{}_soak.csv", robot.name, started.strftime("%Y%m%d_%H%M")));
         let mut text = origin.header.clone();
-        // another first position, by less than an encoder shows: another content
+        // another first position, by less than the encoder resolution: another content
         let mut cells: Vec<String> = origin.first_row.split(',').map(str::to_owned).collect();
         if let Some(cell) = cells.get_mut(1) {
             cell.push_str(&format!("{:02}{:06}", place, robot.tests));
@@ -225,7 +225,7 @@ mod tests {
         }
         assert_eq!(writers.tests(), 2 * KEPT_EXPORTS as u32 + 6);
         assert!(writers.recorded_s > 100.0, "{}", writers.recorded_s);
-        // all have names and contents of their own, and the oldest are gone
+        // all have distinct names and contents, and the oldest are gone
         let lying: Vec<PathBuf> = std::fs::read_dir(&inbox)
             .expect("exports")
             .map(|entry| entry.expect("an entry").path())

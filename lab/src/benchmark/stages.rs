@@ -1,5 +1,5 @@
-//! `armwatch-lab benchmark stages`: processor time of each stage of taking a cycle, beside the straightforward form of
-//! the same work where there is one.
+//! `armwatch-lab benchmark stages`: processor time of each stage of processing a cycle, compared with the
+//! straightforward form of the same work if there is one.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -43,7 +43,7 @@ use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Cycle, Stage as StageOfCycle};
 
-/// A stage is done again until it has taken this long, s: the system counts processor time in steps of 4 ms.
+/// A stage is repeated until it has taken this long, s: the system counts processor time in steps of 4 ms.
 const LEAST_S: f64 = 0.2;
 
 #[derive(Debug, Args)]
@@ -70,7 +70,7 @@ pub(crate) struct StagesArgs {
     any_processor: bool,
 }
 
-/// What a stage took.
+/// Cost of a stage.
 #[derive(Debug)]
 struct StageTiming {
     name: &'static str,
@@ -133,7 +133,7 @@ fn report(global: &LabOptions, rows: usize, stages: &[StageTiming]) {
     output::line(&output::table(&header, &stages.iter().map(line).collect::<Vec<_>>()));
 }
 
-/// From bytes to channels in SI.
+/// From bytes to channels in SI units.
 fn of_reading(
     export: &Path,
     layout: &Layout,
@@ -262,13 +262,13 @@ const LOW_PASS_FLOPS: f64 = 36.0;
 /// Three differences, two multiplications, two sums and a division by the step.
 const DERIVATIVE_FLOPS: f64 = 8.0;
 
-/// Of one instant, for a chain of `n` turning joints: 103 a link, 42 for each partial velocity that is carried on, 87 for
-/// each joint that a link's columns stand under.
+/// Operations for one instant and a chain of `n` revolute joints: 103 per link, 42 for each partial velocity that is
+/// propagated, 87 for each joint above which a link has columns.
 fn regressor_flops(n: usize) -> f64 {
     (0..n).map(|link| 103 + 42 * link + 87 * (link + 1)).sum::<usize>() as f64
 }
 
-/// Householder reflections of `rows` rows beneath a triangle, twice a multiplication and an addition for each number
+/// Householder reflections of `rows` rows below a triangle, twice a multiplication and an addition for each number
 /// above the diagonal.
 fn qr_flops(rows: usize, columns: usize) -> f64 {
     2.0 * (rows * columns * columns) as f64
@@ -341,7 +341,8 @@ fn least<T>(rounds: u32, mut work: impl FnMut() -> T) -> f64 {
     (0..rounds).map(|_| time_of(&mut work)).fold(f64::INFINITY, f64::min)
 }
 
-/// Processor time of doing `work` once, s, all threads of this process; the wall time where the system does not tell.
+/// Processor time of one execution of `work`, s, all threads of this process; the wall time if the system does not
+/// report it.
 fn time_of<T>(work: &mut impl FnMut() -> T) -> f64 {
     let (started, before) = (Instant::now(), cpu_s());
     let mut times = 0;
@@ -354,7 +355,7 @@ fn time_of<T>(work: &mut impl FnMut() -> T) -> f64 {
 }
 
 /// Processor time of this process's threads, s: the first field of `/proc/self/task/*/schedstat`, in nanoseconds
-/// (Documentation/scheduler/sched-stats of Linux). Zero where there is none.
+/// (Documentation/scheduler/sched-stats of Linux). Zero if there is none.
 fn cpu_s() -> f64 {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let of_thread = |path: std::path::PathBuf| {

@@ -15,7 +15,7 @@ use armwatch::cli::shared::output;
 use armwatch_ingest::bytes::fingerprint::changed_at;
 use armwatch_store::{SYNTHETIC_FILE_BYTES, Store, SyntheticSize};
 
-/// How often the daemon is listened to.
+/// Time between two reads of the daemon's messages.
 const LOOK: Duration = Duration::from_millis(5);
 /// A start that takes longer has failed.
 const LONGEST: Duration = Duration::from_secs(600);
@@ -77,7 +77,8 @@ pub(crate) fn start(global: &LabOptions, args: &StartArgs) -> Result<u8, CliErro
     Ok(EXIT_DONE)
 }
 
-/// Empty files of the size that the database is told of; by path, when each was changed, in microseconds since 1970.
+/// Creates empty files of the size in the database; returns the modification time of each by path, in microseconds
+/// since 1970.
 fn make_files(inbox: &Path, size: SyntheticSize) -> std::io::Result<Vec<(String, i64)>> {
     std::fs::create_dir_all(inbox)?;
     let make = |name| {
@@ -90,7 +91,7 @@ fn make_files(inbox: &Path, size: SyntheticSize) -> std::io::Result<Vec<(String,
     size.file_names().map(make).collect()
 }
 
-/// Times from the start of a daemon until it watches, and until all files are known to it.
+/// Times from the start of a daemon until it watches, and until it knows all files.
 fn one_start(global: &LabOptions, folder: &Path) -> Result<(Duration, Duration), CliError> {
     let began = Instant::now();
     let mut daemon = ChildDaemon::start(global, folder)?;

@@ -1,4 +1,4 @@
-//! `armwatch-lab benchmark ingest`: time and memory of `ingest` beside a plain read of the same bytes.
+//! `armwatch-lab benchmark ingest`: time and memory of `ingest` compared with a plain read of the same bytes.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -18,9 +18,9 @@ use armwatch::cli::shared::output;
 use armwatch::cli::shared::shipped_robot::shipped_robot;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
-/// How often a running child's memory is looked at.
+/// Time between two measurements of a running child's memory.
 const LOOK: Duration = Duration::from_millis(5);
-/// Small exports that are simulated; the others are these with other times.
+/// Small exports that are simulated; the others are copies with shifted times.
 const DISTINCT_SMALL: u32 = 8;
 /// Start of the first simulated export.
 const FIRST_START: &str = "2026-01-05T08:47:00Z";
@@ -69,13 +69,13 @@ pub(crate) struct PlainReadArgs {
     file: PathBuf,
 }
 
-/// What a child process cost.
+/// Cost of a child process.
 #[derive(Debug, Clone, Copy)]
 struct ProcessCost {
     wall_s: f64,
-    /// Processor time of all threads, user and system, s; zero where the system does not tell.
+    /// Processor time of all threads, user and system, s; zero if the system does not report it.
     cpu_s: f64,
-    /// Largest resident memory, MB; zero where the system does not tell.
+    /// Largest resident memory, MB; zero if the system does not report it.
     peak_mb: f64,
 }
 
@@ -185,22 +185,22 @@ fn small_files(global: &LabOptions, files: u32, any_processor: bool, folder: &Pa
     Ok(EXIT_DONE)
 }
 
-/// Configuration of a child: the caller's, or the shipped one in a folder without any.
+/// Configuration of a child: the caller's, or the shipped one in a folder without a configuration.
 #[derive(Clone, Copy)]
 enum Setting<'a> {
     Given(&'a LabOptions),
     Shipped(&'a Path),
 }
 
-/// How a child runs.
+/// Options of a child.
 struct Child<'a> {
     program: &'a Path,
     setting: Setting<'a>,
-    /// As on a processor without wide registers.
+    /// True to imitate a processor without wide registers.
     any_processor: bool,
 }
 
-/// Runs a program with `arguments` and quiet logs. Returns its cost and what it printed.
+/// Runs a program with `arguments` and quiet logs. Returns its cost and its output.
 fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(ProcessCost, String), CliError> {
     let mut command = Command::new(child.program);
     command.arg("-q").args(arguments).stdin(Stdio::null()).stdout(Stdio::piped());
@@ -221,7 +221,7 @@ fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(ProcessCost, String)
     let mut child = command.spawn().map_err(|error| CliError::Io(error.to_string()))?;
     let status = PathBuf::from(format!("/proc/{}/status", child.id()));
     let mut printed = child.stdout.take().map(BufReader::new);
-    // what it prints must not fill the pipe while it is waited for
+    // reading must continue during the wait, because the pipe would fill up otherwise
     let reader = std::thread::spawn(move || {
         let mut text = String::new();
         if let Some(printed) = &mut printed {
@@ -246,8 +246,8 @@ fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(ProcessCost, String)
     Ok((ProcessCost { wall_s, cpu_s, peak_mb }, text))
 }
 
-/// Memory of a process by a field of its `/proc/PID/status`, MB: `VmRSS:` is resident now, `VmHWM:` at most so far; `None`
-/// where the system does not tell.
+/// Memory of a process by a field of its `/proc/PID/status`, MB: `VmRSS:` is the present resident memory, `VmHWM:` its
+/// maximum; `None` if the system does not report it.
 pub(super) fn memory_mb(status: &Path, field: &str) -> Option<f64> {
     let text = std::fs::read_to_string(status).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(field))?;

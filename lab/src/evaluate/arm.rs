@@ -1,48 +1,48 @@
-//! One robot: a unit of a design with friction, warmth, noise and a test program of its own.
+//! One robot: an individual arm of a design with its own friction, temperature, noise and test programme.
 //!
 //! Friction of a joint is `F (1 - v + v exp(-k (T - T_w)))`: the viscous share `v` falls exponentially with the
-//! temperature of the lubricant. The temperature is that of the hall and the rises of two or three heat capacities,
-//! each with its time constant. No detector has this form.
+//! temperature of the lubricant. The temperature is the ambient temperature plus the rises of two or three heat
+//! capacities, each with its time constant. No detector uses this form.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::design::{Design, STATES};
 use super::draws::Draws;
 
-/// Friction and figures of one joint.
+/// Friction and other properties of one joint.
 #[derive(Debug, Clone)]
 pub(super) struct JointTraits {
-    /// Friction of the warm joint in the usual hall, Nm.
+    /// Friction of the warm joint at the usual ambient temperature, Nm.
     pub(super) warm_nm: f64,
     /// Viscous share of it.
     viscous: f64,
     /// Fall of the viscous part with temperature, 1/K.
     fall_per_k: f64,
-    /// Rise of the warm joint above the hall, K.
+    /// Temperature rise of the warm joint above ambient, K.
     rise_k: f64,
     /// Share in the rise and time constant, min, of each heat capacity, the fast one first.
     heat: Vec<(f64, f64)>,
-    /// Cooling takes so many times as long as warming.
+    /// Ratio of cooling time to warming time.
     cooling: f64,
     /// Standard deviation of the friction of one cycle, fraction.
     pub(super) scatter: f64,
     /// Standard deviation of friction from run to run, fraction, and its correlation with the run before.
     pub(super) walk: f64,
     pub(super) walk_correlation: f64,
-    /// Friction that is run in over the first weeks, fraction, and its time constant, days.
+    /// Additional friction during running-in over the first weeks, fraction, and its time constant, days.
     pub(super) run_in: (f64, f64),
     /// Root-mean-square torque of the test motion, Nm.
     pub(super) torque_nm: f64,
-    /// Part of it that the model does not explain, and part of that which is noise.
+    /// Fraction of it that the model does not explain, and the fraction of that which is noise.
     pub(super) unexplained: f64,
     pub(super) noise_part: f64,
     /// Standard deviation of its logarithm from run to run.
     pub(super) unexplained_walk: f64,
-    /// Swing of it from cycle to cycle.
+    /// Variation of it from cycle to cycle.
     pub(super) swing: f64,
     /// Half the sum of friction of both directions, Nm; its standard deviations from run to run and cycle to cycle.
     pub(super) offset_nm: [f64; 3],
-    /// What the map of the joint believes of its dependence on warmth, as a multiple of the truth.
+    /// Dependence of friction on temperature in the joint's map, as a multiple of the true one.
     pub(super) map_error: f64,
 }
 
@@ -86,8 +86,9 @@ impl JointTraits {
         self.heat.iter().map(|(_, minutes)| 1.0 - (-60.0 * hours / (minutes * self.cooling)).exp()).collect()
     }
 
-    /// Natural logarithm of friction over that of the warm joint in the usual hall, `minute` after a start with these
-    /// coldnesses in a hall `hall_k` warmer than usual. The slow time constant is `slow` times the joint's own.
+    /// Natural logarithm of friction relative to the warm joint at the usual ambient temperature, `minute` after a
+    /// start with these coldnesses at an ambient temperature that is `hall_k` above the usual one. The slow time
+    /// constant is `slow` times the joint's own.
     pub(super) fn ln_friction(&self, hall_k: f64, coldness: &[f64], slow: f64, minute: f64) -> f64 {
         let cold: f64 = self
             .heat
@@ -109,7 +110,7 @@ impl JointTraits {
     }
 }
 
-/// When and how a robot is tested.
+/// The times and kinds of a robot's tests.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TestProgram {
     pub(super) cycles: usize,
@@ -120,7 +121,7 @@ pub(super) struct TestProgram {
     pub(super) rest_spread: f64,
 }
 
-/// The hall of a robot.
+/// The ambient temperature of a robot.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hall {
     /// Amplitude over the year, K, and phase, rad.
@@ -128,7 +129,7 @@ pub(super) struct Hall {
     pub(super) phase: f64,
     /// Standard deviation from test to test, K.
     pub(super) daily_k: f64,
-    /// Standard error of what the speed levels of a test tell of the hall, K.
+    /// Standard error of the ambient temperature from the speed levels of a test, K.
     pub(super) levels_k: f64,
 }
 
@@ -142,16 +143,16 @@ pub(super) struct LabArm<'a> {
     pub(super) joints: Vec<JointTraits>,
     pub(super) program: TestProgram,
     pub(super) hall: Hall,
-    /// Degrees of freedom of its noise, where that has heavy tails.
+    /// Degrees of freedom of its noise, if that has heavy tails.
     pub(super) tails: Option<f64>,
-    /// Share of tests that are broken off.
+    /// Share of tests that are interrupted.
     pub(super) broken_off: f64,
     /// Inverse of the information of one cycle, `[b x b]`.
     pub(super) covariance: DMatrix<f64>,
     /// Scatter of parameters from run to run beyond that of the cycles, as a multiple of it.
     pub(super) parameter_walk: f64,
-    /// Change of the parameters with the logarithm of each joint's friction, `[b]`: what warm-up changes and the friction
-    /// columns do not take up.
+    /// Change of the parameters with the logarithm of each joint's friction, `[b]`: the part of warm-up that the
+    /// friction columns do not absorb.
     pub(super) leaks: Vec<DVector<f64>>,
 }
 
@@ -207,7 +208,7 @@ impl<'a> LabArm<'a> {
     }
 }
 
-/// What the model leaves of a joint's torque, Nm.
+/// Residual of a joint's torque after identification, Nm.
 pub(super) fn residual_nm(joint: &JointTraits) -> f64 {
     joint.unexplained * joint.torque_nm
 }
@@ -221,7 +222,7 @@ pub(super) fn covariance(design: &Design, deviations: &[f64]) -> DMatrix<f64> {
     }
     match information.clone().cholesky() {
         Some(factor) => factor.inverse(),
-        // what is not seen is not said: the diagonal alone
+        // no claim about unidentified directions: the diagonal alone
         None => DMatrix::from_diagonal(&information.diagonal().map(|of| of.max(f64::MIN_POSITIVE).recip())),
     }
 }

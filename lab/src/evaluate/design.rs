@@ -1,4 +1,4 @@
-//! A drawn design of an arm: geometry, bodies and what its test motion shows of its parameters.
+//! A drawn design of an arm: geometry, bodies and the information of its test motion about its parameters.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -57,8 +57,8 @@ impl Design {
         Self { robot, base, phi, gram, sums }
     }
 
-    /// Torque of each joint `[n][STATES]`, Nm, beyond that of the recorded positions, where the true position of `joint`
-    /// is `error` rad more than the recorded one.
+    /// Torque of each joint `[n][STATES]`, Nm, beyond that of the recorded positions, if the true position of `joint`
+    /// is `error` rad larger than the recorded one.
     pub(super) fn misread(&self, theta: &DVector<f64>, joint: usize, error: f64) -> Vec<DVector<f64>> {
         let right = rows(&self.robot, &self.base, None);
         let wrong = rows(&self.robot, &self.base, Some((joint, error)));
@@ -175,7 +175,7 @@ fn parameters(robot: &Robot, draws: &mut Draws) -> Vec<f64> {
         .collect()
 }
 
-/// A body of this mass, kg, with its centre within some 0.2 m and the radii of gyration that go with it.
+/// A body of this mass, kg, with its centre within some 0.2 m and matching radii of gyration.
 pub(super) fn body(mass: f64, draws: &mut Draws) -> StandardParameters {
     let centre =
         Vector3::new(draws.between(-0.2, 0.2), draws.between(-0.15, 0.15), draws.between(-0.15, 0.15));

@@ -1,4 +1,4 @@
-//! The detectors that are measured: those of the program, and simple ones to compare them with.
+//! The evaluated detectors: those of the program, and simple ones for comparison.
 
 use super::event::BASELINE_RUNS;
 use armwatch_method::detect::runs::detect;
@@ -6,18 +6,18 @@ use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{AnomalyKind, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
 
-/// Quiet runs that end an alarm of a simple detector, as of the program's own.
+/// Quiet runs that end an alarm of a simple detector, as for the program's own.
 const QUIET_RUNS: usize = 2;
-/// First runs that the three-sigma rule and CUSUM take mean and standard deviation from.
+/// First runs that give the three-sigma rule and CUSUM their mean and standard deviation.
 const REFERENCE_RUNS: usize = 4 * BASELINE_RUNS;
 /// Allowance and limit of CUSUM, in standard deviations (Montgomery 2009, 9.1).
 const CUSUM_ALLOWANCE: f64 = 0.5;
 const CUSUM_LIMIT: f64 = 5.0;
 
-/// Something that judges histories.
+/// A detector on histories.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum HistoryDetector {
-    /// [`detect`] with the settings that are shipped.
+    /// [`detect`] with the shipped settings.
     Armwatch,
     /// An alarm of every joint in every run.
     Always,
@@ -34,24 +34,24 @@ pub enum HistoryDetector {
 pub struct LabAlarm {
     /// Its kind.
     pub kind: AnomalyKind,
-    /// The joint that it names; `None` where it is the whole arm's.
+    /// The joint that it names; `None` for the whole arm.
     pub joint: Option<JointIndex>,
-    /// Place of the first run that showed it.
+    /// Index of the first run that showed it.
     pub first: usize,
-    /// Place of the latest run that showed it.
+    /// Index of the latest run that showed it.
     pub last: usize,
-    /// How soon a person should look.
+    /// Its severity.
     pub severity: Severity,
-    /// Odds of its cause; 0 where causes were not compared.
+    /// Odds of its cause; 0 if causes were not compared.
     pub odds: f64,
-    /// Place of the run in which the change began by what the alarm says, and the cycle, from 1.
+    /// Start of the change according to the alarm: index of the run, and cycle, from 1.
     pub onset: (usize, Option<u32>),
-    /// Its value; not a number for the simple detectors.
+    /// Its value; NaN for the simple detectors.
     pub value: f64,
 }
 
 impl LabAlarm {
-    /// Of a simple detector, which says of no change more than that it is there.
+    /// An alarm of a simple detector, which reports only that there is a change.
     fn simple(joint: JointIndex, first: usize) -> Self {
         Self {
             kind: AnomalyKind::Drift,
@@ -113,7 +113,7 @@ fn of_program(history: &[RunSummary]) -> Vec<LabAlarm> {
         .collect()
 }
 
-/// Each an alarm of its own.
+/// A separate alarm for each run and joint.
 fn always(history: &[RunSummary]) -> Vec<LabAlarm> {
     let all = history
         .iter()
@@ -122,7 +122,7 @@ fn always(history: &[RunSummary]) -> Vec<LabAlarm> {
     all.map(|(place, joint)| LabAlarm::simple(joint, place)).collect()
 }
 
-/// Alarms of a rule on the friction index of each joint. Joints begin anew with each epoch.
+/// Alarms of a rule on the friction index of each joint. Each epoch of a joint starts again.
 fn by_joint(history: &[RunSummary], rule: impl Fn(&[f64]) -> Vec<bool>) -> Vec<LabAlarm> {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let mut found = Vec::new();
@@ -161,7 +161,7 @@ fn episodes(runs: &[(usize, f64)], out: &[bool], joint: JointIndex) -> Vec<LabAl
     found
 }
 
-/// Deviations from the mean of the first runs in their standard deviations, zero for these runs themselves.
+/// Deviations from the mean of the first runs, in units of their standard deviation; zero for these runs themselves.
 fn standardised(indices: &[f64]) -> Vec<f64> {
     let first = &indices[..REFERENCE_RUNS.min(indices.len())];
     let count = first.len() as f64;
@@ -201,7 +201,7 @@ mod tests {
         let mut indices: Vec<f64> = (0..40).map(usual).collect();
         assert!(!cusum(&indices).contains(&true) && !three_sigma(&indices).contains(&true));
         indices.extend((40..60).map(|i| usual(i) + 0.02));
-        // 5 / (2 - 0.5) runs, and one or two for the swing
+        // 5 / (2 - 0.5) runs, and one or two for the oscillation
         let first = cusum(&indices).iter().position(|out| *out);
         assert!(matches!(first, Some(42..=45)), "{first:?}");
         indices.push(1.05);

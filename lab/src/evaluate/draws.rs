@@ -1,10 +1,10 @@
-//! Random numbers of one robot: a stream of its own, so that threads and their order change nothing.
+//! Random numbers of one robot: a separate stream, so that threads and their order have no effect.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 
-/// What tells the streams of [`Draws::aside`] from all others.
+/// Offset that separates the streams of [`Draws::aside`] from all others.
 const ASIDE: u64 = 1 << 62;
 
 /// A stream of random numbers.
@@ -19,7 +19,7 @@ impl Draws {
         Self(rng)
     }
 
-    /// Other numbers, which take none from this stream.
+    /// A separate stream, which takes no numbers from this one.
     pub(super) fn aside(&self) -> Self {
         let mut rng = self.0.clone();
         rng.set_stream(rng.get_stream() ^ ASIDE);
@@ -41,12 +41,12 @@ impl Draws {
         self.0.random_range(low..=high.max(low))
     }
 
-    /// Whether something of this probability happens.
+    /// Returns true with this probability.
     pub(super) fn happens(&mut self, probability: f64) -> bool {
         self.0.random::<f64>() < probability
     }
 
-    /// -1 with this probability, else 1.
+    /// -1 with this probability, otherwise 1.
     pub(super) fn sign(&mut self, negative: f64) -> f64 {
         if self.happens(negative) { -1.0 } else { 1.0 }
     }
@@ -56,7 +56,7 @@ impl Draws {
         self.0.sample(StandardNormal)
     }
 
-    /// Of variance one: normal, or with the tails of Student's distribution of `freedom` (above 2).
+    /// Noise of variance one: normal, or with the tails of Student's distribution of `freedom` (above 2).
     pub(super) fn noise(&mut self, freedom: Option<f64>) -> f64 {
         match freedom.map(|freedom| (freedom, StudentT::new(freedom))) {
             Some((freedom, Ok(student))) => student.sample(&mut self.0) * ((freedom - 2.0) / freedom).sqrt(),

@@ -1,4 +1,4 @@
-//! What happens to a robot: the drawn event of a scenario.
+//! The drawn event of a scenario.
 
 use nalgebra::DVector;
 
@@ -17,24 +17,24 @@ const RUNS_BEFORE: usize = 8;
 #[derive(Debug, Clone)]
 pub(super) struct Event {
     pub(super) scenario: Scenario,
-    /// The joint, where it is one's.
+    /// The joint, if the event concerns one.
     pub(super) joint: usize,
-    /// First run that has it.
+    /// First run with the event.
     pub(super) onset: usize,
-    /// First cycle of that run that has it, from 0.
+    /// First cycle of that run with the event, from 0.
     pub(super) cycle: usize,
     /// Size, in the unit of [`Scenario::size`].
     pub(super) size: f64,
-    /// Change of the identified parameters, and what more of each joint's torque the model leaves, Nm.
+    /// Change of the identified parameters, and the additional unexplained torque of each joint, Nm.
     pub(super) parameters: DVector<f64>,
     pub(super) unexplained_nm: Vec<f64>,
     /// Exponent of wear over time, 1 for a line.
     pub(super) bend: f64,
-    /// Another joint that has it too, where a scenario is of two, and by how many times as much.
+    /// Another affected joint, if the scenario concerns two, and its factor.
     pub(super) other: (usize, f64),
 }
 
-/// The joint that the right alarm names; `None` where it is the arm's or there is none.
+/// The joint that the right alarm names; `None` if it is the whole arm or there is none.
 pub(super) fn named_joint(scenario: Scenario, joint: usize) -> Option<JointIndex> {
     use Scenario as S;
     match scenario {
@@ -44,7 +44,7 @@ pub(super) fn named_joint(scenario: Scenario, joint: usize) -> Option<JointIndex
     }
 }
 
-/// A size in the unit of [`Scenario::size`], from ones that nobody could see to ones that nobody could miss.
+/// A size in the unit of [`Scenario::size`], from undetectable ones to obvious ones.
 pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
     use Scenario as S;
     match scenario {
@@ -72,8 +72,8 @@ pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
 }
 
 impl Event {
-    /// Draws the event of a scenario over `runs` runs; changes the program of the robot where the scenario says so.
-    /// `given` takes the place of the drawn size.
+    /// Draws the event of a scenario over `runs` runs; changes the robot's test programme if the scenario requires it.
+    /// `given` replaces the drawn size.
     pub(super) fn draw(
         scenario: Scenario,
         given: Option<f64>,
@@ -87,7 +87,7 @@ impl Event {
         let earliest = RUNS_BEFORE.max(runs / 6).min(runs.saturating_sub(2));
         let onset = draws.whole(earliest, (runs * 6 / 10).max(earliest));
         let drawn = drawn_size(scenario, draws);
-        // all is drawn in any case: robots are the same but for the size
+        // everything is drawn in any case: robots are the same except for the size
         let size = given.unwrap_or(drawn);
         match scenario {
             S::ShortTests => arm.program.cycles = draws.whole(3, 7),
@@ -113,7 +113,7 @@ impl Event {
             other: (joint, 0.0),
         };
         if scenario == S::CoupledJitter {
-            // the neighbour swings by as much, or by half as much, with it or against it
+            // the other joint varies by the same amount or by half of it, with it or against it
             let neighbour = if joint + 1 < n { joint + 1 } else { joint - 1 };
             event.other = (neighbour, draws.sign(0.5) * draws.between(0.5, 1.0));
         }
@@ -121,7 +121,7 @@ impl Event {
         event
     }
 
-    /// Whether a cycle of a run has it.
+    /// Returns true if a cycle of a run has the event.
     pub(super) fn holds(&self, run: usize, cycle: usize) -> bool {
         run > self.onset || (run == self.onset && cycle >= self.cycle)
     }

@@ -12,9 +12,9 @@ use super::scenario::Scenario;
 use super::score::{RobotOutcome, ScenarioScore, Truth, macro_f1, outcome};
 use armwatch_method::NumericsError;
 
-/// Designs of arms in a fleet; robots of one design differ by their unit.
+/// Designs of arms in a fleet; robots of one design differ individually.
 const DESIGNS: usize = 24;
-/// Streams of random numbers of the robots begin here; designs have those before.
+/// Streams of random numbers of the robots begin here; designs have the earlier ones.
 const FIRST_ROBOT: u64 = 1 << 32;
 
 /// A fleet.
@@ -22,31 +22,31 @@ const FIRST_ROBOT: u64 = 1 << 32;
 pub struct FleetSettings {
     /// Robots of each scenario.
     pub robots: usize,
-    /// Years that each is watched.
+    /// Years of each robot's history.
     pub years: f64,
-    /// Seed of all that is drawn.
+    /// Seed of all random values.
     pub seed: u64,
-    /// What happens.
+    /// The scenarios.
     pub scenarios: Vec<Scenario>,
-    /// Sizes of events that are not drawn, in the unit of [`Scenario::size`].
+    /// Sizes of events that replace the drawn ones, in the unit of [`Scenario::size`].
     pub sizes: Vec<(Scenario, f64)>,
     /// Threads.
     pub threads: usize,
 }
 
-/// What one detector made of a fleet.
+/// Scores of one detector on a fleet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorScore {
     /// The detector.
     pub detector: HistoryDetector,
-    /// One entry a scenario.
+    /// One entry per scenario.
     pub scenarios: Vec<ScenarioScore>,
     /// See [`macro_f1`].
     pub macro_f1: f64,
 }
 
-/// Draws a fleet and judges every detector on it. The same settings give the same scores, whatever the number of
-/// threads. `on_robot` is called after each robot.
+/// Draws a fleet and evaluates every detector on it. The same settings give the same scores for any number of threads.
+/// `on_robot` is called after each robot.
 ///
 /// # Errors
 /// [`NumericsError`] if a drawn design has no base parameters.
@@ -89,7 +89,7 @@ pub fn evaluate(
 }
 
 impl DetectorScore {
-    /// Of the outcomes of robots to which any of `scenarios` happened.
+    /// Computes the scores from the outcomes of robots with any of `scenarios`.
     #[must_use]
     pub fn of(detector: HistoryDetector, scenarios: &[Scenario], all: &[&RobotOutcome]) -> Self {
         let of = |scenario: Scenario| {
@@ -104,7 +104,7 @@ impl DetectorScore {
     }
 }
 
-/// One robot under all detectors.
+/// One robot with all detectors.
 fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<RobotOutcome> {
     let history = drawn(settings, designs, number);
     let truth = Truth::from(&history);
@@ -115,7 +115,7 @@ fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<Rob
     HistoryDetector::ALL.map(of).to_vec()
 }
 
-/// The history of robot `number`, all scenarios after each other.
+/// The history of robot `number`; robots are numbered scenario after scenario.
 pub(super) fn drawn(settings: &FleetSettings, designs: &[Design], number: usize) -> History {
     let scenario = settings.scenarios[number / settings.robots.max(1)];
     let (arm, mut draws) = drawn_arm(settings, designs, number);
@@ -123,14 +123,14 @@ pub(super) fn drawn(settings: &FleetSettings, designs: &[Design], number: usize)
     history(arm, scenario, size, settings.years, &mut draws)
 }
 
-/// The arm of that robot, and the numbers that what happens to it is drawn from.
+/// The arm of that robot, and the random numbers for its event.
 pub(super) fn drawn_arm<'a>(
     settings: &FleetSettings,
     designs: &'a [Design],
     number: usize,
 ) -> (LabArm<'a>, Draws) {
     let scenario = settings.scenarios[number / settings.robots.max(1)];
-    // a scenario's robots are the same whichever others are asked for
+    // a scenario's robots do not depend on the other requested scenarios
     let own = Scenario::ALL.iter().position(|of| *of == scenario).unwrap_or(0);
     let unit = number % settings.robots.max(1);
     let stream = FIRST_ROBOT * (1 + own as u64) + unit as u64;

@@ -1,9 +1,9 @@
-//! Friction indices as the maps of a robot would give them, from the friction of each cycle.
+//! Friction indices like those of a robot's maps, from the friction of each cycle.
 //!
-//! A map knows the joint's curve in the hall of the tests that it was fitted on, and how the curve depends on hall and
-//! coldness, but for an error. For each test, least squares give one factor a joint, the hall and the coldness at the
-//! start; the two last are random effects, whose scales are those of the map's own tests. So an index errs as a real one
-//! does: a hall unlike any before moves it.
+//! A map contains the joint's curve at the ambient temperature of its tests, and the dependence of the curve on ambient
+//! temperature and coldness, except for an error. For each test, least squares give one factor per joint, the ambient
+//! temperature and the coldness at the start; the latter two are random effects, whose scales are those of the map's
+//! own tests. So an index has the errors of a real one: an ambient temperature outside the earlier range changes it.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,15 +13,15 @@ use armwatch_model::analysis::Estimate;
 
 /// Prior standard deviation of a joint's own factor: wide, so that it is not shrunk.
 const OWN_PRIOR: f64 = 0.5;
-/// Least scales of the hall, K, and of the coldness at the start.
+/// Least scales of the ambient temperature, K, and of the coldness at the start.
 const LEAST_HALL_K: f64 = 0.7;
 const START_PRIOR: f64 = 0.15;
-/// Most tests that a map is fitted on.
+/// Most tests that a map is fitted to.
 const MOST_RUNS: usize = 36;
 /// Step of the numerical derivatives: K, and coldness.
 const STEP_K: f64 = 0.5;
 
-/// Friction of all joints in one test, and what is known of its warmth.
+/// Friction of all joints in one test, and the information about its temperature.
 #[derive(Debug, Clone)]
 pub(super) struct TestFriction {
     /// Minute of each cycle.
@@ -30,7 +30,7 @@ pub(super) struct TestFriction {
     pub(super) ln_ratio: Vec<Vec<f64>>,
     /// Rest before it as recorded, h.
     pub(super) rest_h: f64,
-    /// What its speed levels tell of the hall, K beyond the usual.
+    /// Ambient temperature from its speed levels, K above the usual.
     pub(super) hall_seen_k: f64,
     /// Epoch of each joint.
     pub(super) epochs: Vec<u32>,
@@ -54,7 +54,7 @@ pub(super) fn friction_indices(
         let count = chosen.len() as f64;
         let usual_k = chosen.iter().sum::<f64>() / count;
         let variance = chosen.iter().map(|k| (k - usual_k).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        // what the levels tell scatters by itself
+        // excludes the scatter of the estimate from speed levels
         let hall_k = (variance - levels_k * levels_k).max(0.0).sqrt().max(LEAST_HALL_K);
         let map = Map { joints, usual_k, hall_k, levels_k };
         let of: Vec<Vec<Estimate>> = tests[..end].iter().map(|test| map.factors(test)).collect();
@@ -70,14 +70,14 @@ pub(super) fn friction_indices(
 /// The maps of all joints of a robot.
 struct Map<'a> {
     joints: &'a [JointTraits],
-    /// Mean hall of the tests that they were fitted on, and its standard deviation, K.
+    /// Mean ambient temperature of the tests that they were fitted to, and its standard deviation, K.
     usual_k: f64,
     hall_k: f64,
     levels_k: f64,
 }
 
 impl Map<'_> {
-    /// Logarithm of the factor by which friction of each joint exceeds the map.
+    /// Logarithm of each joint's friction relative to the map.
     fn factors(&self, test: &TestFriction) -> Vec<Estimate> {
         let n = self.joints.len();
         let mut normal = DMatrix::zeros(n + 2, n + 2);
@@ -114,7 +114,7 @@ impl Map<'_> {
         (0..n).map(|j| Estimate { value: solved[j], std_error: covariance[(j, j)].sqrt() }).collect()
     }
 
-    /// The index of a joint: its factor over the mean of those of its baseline.
+    /// The index of a joint: its factor divided by the mean factor of its baseline.
     fn index(&self, tests: &[TestFriction], factors: &[Vec<Estimate>], run: usize, joint: usize) -> Estimate {
         let own = tests[run].epochs[joint];
         let baseline: Vec<Estimate> = tests

@@ -1,4 +1,4 @@
-//! The history of one robot: summaries of its tests, as the store would hand them to the detectors.
+//! The history of one robot: summaries of its tests, like those from the store for the detectors.
 
 use std::sync::Arc;
 
@@ -19,24 +19,24 @@ use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 
 /// Days of a year.
 const YEAR_DAYS: f64 = 365.25;
-/// Share of planned tests that are left out.
+/// Share of planned tests that are omitted.
 const LEFT_OUT: f64 = 0.05;
-/// Standard deviation of the logarithm of what is recorded of a rest.
+/// Standard deviation of the logarithm of a recorded rest.
 const REST_ERROR: f64 = 0.1;
 /// Standard deviation of the logarithm of a channel's noise from run to run.
 const NOISE_WALK: f64 = 0.03;
-/// Friction rises by this fraction for each kilogram, relative to the square root of the joint's torque, Nm.
+/// Fractional increase of friction per kilogram, relative to the square root of the joint's torque, Nm.
 const FRICTION_OF_LOAD: f64 = 0.004;
 /// Step of the derivative by a position, rad.
 const POSITION_STEP: f64 = 1e-4;
-/// Relative error of what a test tells of the answers of parameters.
+/// Relative error of a test's estimate of the responses of parameters.
 const RESPONSE_ERROR: f64 = 0.05;
 /// Wear by the test ends at this rise of friction.
 const MOST_WEAR: f64 = 0.6;
-/// Share of a joint's torque that its friction is, by which swinging friction swings the RMSD.
+/// Share of friction in a joint's torque, for the effect of varying friction on the RMSD.
 const SWING_SHARE: f64 = 0.02;
 
-/// One robot's history and what happened to it.
+/// One robot's history and its event.
 #[derive(Debug, Clone)]
 pub(super) struct History {
     pub(super) runs: Vec<RunSummary>,
@@ -44,7 +44,7 @@ pub(super) struct History {
     pub(super) years: f64,
 }
 
-/// Rest and hall of one test.
+/// Rest and ambient temperature of one test.
 struct TestConditions {
     day: f64,
     rest_h: f64,
@@ -52,8 +52,7 @@ struct TestConditions {
     cycles: usize,
 }
 
-/// Draws a robot of this design, what happens to it, and the tests of `years` years. `size` takes the place of the
-/// event's drawn one.
+/// Draws a robot of this design, its event, and the tests of `years` years. `size` replaces the event's drawn size.
 pub(super) fn history(
     mut arm: LabArm<'_>,
     scenario: Scenario,
@@ -111,7 +110,7 @@ fn moments(arm: &LabArm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Ve
     found
 }
 
-/// Friction of every cycle, in logarithms over that of the warm joint.
+/// Friction of every cycle, as logarithms relative to the warm joint.
 fn frictions(
     arm: &LabArm<'_>,
     event: &Event,
@@ -174,7 +173,7 @@ fn frictions(
 }
 
 impl Event {
-    /// What it adds to the logarithm of a joint's friction in a whole run, of `last` runs.
+    /// Contribution of the event to the logarithm of a joint's friction in a whole run, of `last` runs.
     fn level(&self, arm: &LabArm<'_>, joint: usize, run: usize, last: usize) -> f64 {
         if run < self.onset {
             return 0.0;
@@ -188,7 +187,7 @@ impl Event {
                 (self.size * (run + 1 - self.onset) as f64).min(MOST_WEAR).ln_1p()
             }
             Scenario::Repair if joint == self.joint => self.size.ln(),
-            // torque that reads more has more friction in it
+            // a larger gain of the torque increases its friction too
             Scenario::TorqueGain if joint == self.joint => self.size.ln_1p(),
             Scenario::Payload => {
                 FRICTION_OF_LOAD * self.size * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
@@ -197,7 +196,7 @@ impl Event {
         }
     }
 
-    /// How much of a swing that joints have together is a joint's.
+    /// A joint's share of a common variation.
     fn share_of_swing(&self, joint: usize, run: usize) -> f64 {
         match self.scenario {
             Scenario::CoupledJitter if run >= self.onset && joint == self.joint => 1.0,
@@ -215,27 +214,26 @@ impl Event {
         }
     }
 
-    /// What more noise of the channel does to the friction of one cycle, which is a mean of some two hundred
-    /// independent rows.
+    /// Effect of more channel noise on the friction of one cycle, which is a mean of some two hundred independent rows.
     fn noise_of_friction(&self, joint: &super::arm::JointTraits) -> f64 {
         let more = (self.size * self.size - 1.0).max(0.0).sqrt();
         more * joint.channel_noise_nm() / joint.warm_nm / 14.0
     }
 }
 
-/// A kept inertial parameter: its place, what it is, and the standard parameters that it stands for.
+/// A kept inertial parameter: its index, its identity, and the standard parameters that it combines.
 type InertialTerm = (usize, ParameterId, Vec<(f64, ParameterId)>);
 
-/// What is identified: the kept inertial parameters with their places and terms, and the covariance since the event.
+/// The identified parameters: the kept inertial ones with their indices and terms, and the covariance since the event.
 struct Identified {
     terms: Vec<InertialTerm>,
     changed: Option<nalgebra::DMatrix<f64>>,
-    /// What a test tells of the answers of parameters to faults of channels.
+    /// Response of the parameters to faults of channels, as estimated from a test.
     response: Arc<ChannelResponse>,
 }
 
-/// Answers of the parameters to faults of channels, as the least squares of [`Event`] have them, each number wrong by some
-/// percent: a program takes them from recorded positions and identified parameters.
+/// Responses of the parameters to faults of channels, by the least squares of [`Event`], each number with an error of
+/// some percent: a program derives them from recorded positions and identified parameters.
 fn response(arm: &LabArm<'_>, draws: &mut Draws) -> ChannelResponse {
     let design = arm.design;
     let n = arm.joints.len();
@@ -267,7 +265,7 @@ fn response(arm: &LabArm<'_>, draws: &mut Draws) -> ChannelResponse {
             faults.push(FaultResponse {
                 joint: JointIndex::new(j),
                 fault,
-                // the drawn weights do not answer to faults
+                // the drawn weights do not respond to faults
                 strength: 0,
                 shift: Vec::new(),
                 unexplained: (0..n).map(left).collect(),
@@ -278,7 +276,7 @@ fn response(arm: &LabArm<'_>, draws: &mut Draws) -> ChannelResponse {
     ChannelResponse { parameters: arm.design.base.kept.clone(), faults }
 }
 
-/// A torque of one joint's rows, and none of the others.
+/// A torque in one joint's rows, and zero in the others.
 fn only(rows: &[nalgebra::DMatrix<f64>], joint: usize, torque: DVector<f64>) -> Vec<DVector<f64>> {
     let mut all: Vec<DVector<f64>> = rows.iter().map(|of| DVector::zeros(of.nrows())).collect();
     all[joint] = torque;
@@ -367,11 +365,11 @@ fn summary(
     }
 }
 
-/// Share of a change of friction within a cycle that the cycle's own parameters leave, at most and at least.
+/// Share of a friction change within a cycle that the cycle's own parameters do not absorb: smallest and largest.
 const LEFT_OF_WARMING: [f64; 2] = [0.3, 1.5];
 
-/// RMSD of each cycle as a whole. A cycle has one set of parameters, so that the faster its friction changes while it
-/// lasts, the worse it is fitted: a cold joint most of all. Friction that varies from one cycle to the next is in the
+/// RMSD of each cycle as a whole. A cycle has one set of parameters, so that its fit is worse the faster its friction
+/// changes during the cycle: worst for a cold joint. Friction that varies from one cycle to the next is in the
 /// parameters of each. A push adds to one cycle.
 fn whole_cycles(
     arm: &LabArm<'_>,

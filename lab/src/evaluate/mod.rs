@@ -1,10 +1,11 @@
-//! Detectors on simulated fleets: robots that are drawn, with summaries of their tests, through the detectors of the
-//! program and through simple ones.
+//! Evaluates detectors on simulated fleets: summaries of tests of randomly drawn robots are passed to the program's
+//! detectors and to simple ones.
 //!
-//! This is the fast road: it draws the figures that detectors read, not torques. Geometry, bodies, friction, warmth,
-//! noise, test programs and events are drawn for each robot from ranges of their own; none is a number of `simulate`.
-//! Identified parameters answer to an event as least squares on a drawn test motion do, friction indices as maps
-//! fitted on the robot's first tests do. `docs/evidence/detection.md` says what is measured and what is not.
+//! This is the fast method: it draws the values that detectors read, not torques. Geometry, bodies, friction,
+//! temperature, noise, test programmes and events are drawn for each robot from separate ranges; no value comes from
+//! `simulate`. Identified parameters respond to an event like least squares on a drawn test motion, friction indices
+//! like maps fitted to the robot's first tests. `docs/evidence/detection.md` lists the measured properties and the
+//! omitted ones.
 
 mod arm;
 mod design;

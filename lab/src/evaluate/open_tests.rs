@@ -1,5 +1,5 @@
-//! What the tests of a fleet show after each of their cycles, as if they were still being written. The figures of a
-//! fleet have no parameters by cycle, so friction alone is judged.
+//! Anomalies in the tests of a fleet after each of their cycles, as if they were still being written. The values of a
+//! fleet have no parameters by cycle, so only friction is evaluated.
 
 use super::arm::LabArm;
 use super::design::Design;
@@ -24,7 +24,7 @@ fn fleet(scenario: Scenario, robots: u64, years: f64) -> Vec<History> {
         .collect()
 }
 
-/// What test `place` shows after each of its cycles, with those before it complete.
+/// Anomalies of test `place` after each of its cycles, with the earlier tests complete.
 fn by_cycle(runs: &[RunSummary], place: usize, settings: &DetectSettings) -> Vec<(u32, Vec<Anomaly>)> {
     let run = &runs[place];
     let usual = UsualTests::new(&runs[..place], run.joints.len(), &run.epochs, settings);
@@ -38,7 +38,7 @@ fn by_cycle(runs: &[RunSummary], place: usize, settings: &DetectSettings) -> Vec
         .collect()
 }
 
-/// Looks at every so many tests of healthy robots, each after each of its cycles.
+/// Evaluates every `every`-th test of healthy robots after each of its cycles.
 fn false_alarms(every: usize) {
     let settings = DetectSettings::default();
     for scenario in [Scenario::Healthy, Scenario::Hall, Scenario::Weekend, Scenario::ShortTests] {
@@ -72,7 +72,7 @@ fn tests_of_healthy_robots_raise_nothing_while_they_are_written() {
     false_alarms(11);
 }
 
-/// The figures of docs/evidence/detection.md.
+/// The values in docs/evidence/detection.md.
 #[test]
 #[ignore = "fleets of tests that are still written, judged after each cycle: two minutes"]
 fn all_tests_of_healthy_robots_raise_nothing_while_they_are_written() {

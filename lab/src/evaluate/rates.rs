@@ -1,9 +1,9 @@
-//! Single series under the sequential chart of the program: how often it alarms without a shift, and how late with one.
+//! Single series with the program's sequential chart: its rate of alarms without a shift, and its delay with one.
 //!
 //! A series is an autoregression of order one of normal noise, or of Student's with four degrees of freedom. The chart
-//! learns from its first values, with a prior whose scale is wrong by a factor of two, and is then watched for a year.
-//! A shift moves the noise, so that its size is in standard deviations of whitened values. Before a shift, the statistic is
-//! at zero: that is the worst case, which Lorden's bound is about.
+//! learns from its first values, with a prior whose scale is wrong by a factor of two, and then runs for a year. A
+//! shift moves the noise, so that its size is in standard deviations of whitened values. Before a shift, the statistic
+//! is at zero: Lorden's bound applies to this worst case.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -16,31 +16,32 @@ use armwatch_method::detect::rate::chart::lorden_delay;
 use armwatch_method::detect::rate::monitor::{Monitor, OWN_FROM};
 use armwatch_method::detect::rate::whitening::Prior;
 
-/// Values a year: daily tests of eight cycles.
+/// Values per year: daily tests of eight cycles.
 pub const VALUES_PER_YEAR: usize = 365 * 8;
-/// Rates that are asked for, a year.
+/// Requested rates per year.
 pub const RATES: [f64; 4] = [0.2, 1.0, 5.0, 20.0];
 /// Autocorrelations of the series.
 pub const CORRELATIONS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
 /// Degrees of freedom of the noise; `None`: normal.
 pub const FREEDOMS: [Option<f64>; 2] = [None, Some(4.0)];
-/// Values that a series is learnt from: those that a limit of its own needs, forty tests, and as many as realised rates are
-/// promised from.
+/// Numbers of values that a series is learnt from: enough for its own limit, forty tests, and enough for the promised
+/// realised rates.
 pub const LEARNT: [usize; 3] = [OWN_FROM, 320, 1000];
-/// Values that a series is learnt from before it shifts: forty tests, and as many as realised rates are promised from.
+/// Numbers of values that a series is learnt from before it shifts: forty tests, and enough for the promised realised
+/// rates.
 pub const LEARNT_BEFORE_SHIFTS: [usize; 2] = [320, 1000];
 /// Shifts, in standard deviations of a whitened value.
 pub const SHIFTS: [f64; 3] = [1.0, 2.0, 3.0];
-/// Values a year at which delays are measured: daily tests of eight cycles, and sixty values a day.
+/// Values per year for the measurement of delays: daily tests of eight cycles, and sixty values per day.
 pub const VALUES_OF_DELAYS: [f64; 2] = [VALUES_PER_YEAR as f64, 365.0 * 60.0];
-/// Joints of the robot whose channels share a false alarm a year.
+/// Joints of the robot whose channels share one false alarm per year.
 pub const JOINTS: usize = 6;
 
-/// Scale of the prior; that of the noise is one.
+/// Scale of the prior; the scale of the noise is one.
 const PRIOR_SCALE: f64 = 2.0;
-/// Years that a piece of work is split in, so that all threads have some.
+/// Years per piece of work, so that all threads have some.
 const YEARS_AT_ONCE: usize = 20;
-/// Longest delay that is waited for, values.
+/// Longest measured delay, values.
 const MOST_DELAY: usize = 2000;
 
 /// False alarms of one kind of series.
@@ -52,11 +53,11 @@ pub struct RealisedRate {
     pub correlation: f64,
     /// Values learnt from.
     pub learnt: usize,
-    /// Rate asked for, a year.
+    /// Requested rate per year.
     pub asked: f64,
-    /// Alarms, and the years in which they came.
+    /// Number of alarms.
     pub alarms: usize,
-    /// Years watched.
+    /// Number of years.
     pub years: usize,
 }
 
@@ -69,13 +70,13 @@ pub struct Delay {
     pub correlation: f64,
     /// Values learnt from.
     pub learnt: usize,
-    /// Channels that share a false alarm a year: one, or all of a robot.
+    /// Channels that share one false alarm per year: one, or all of a robot.
     pub channels: usize,
-    /// Mean number of values between false alarms of this one.
+    /// Mean number of values between false alarms of this channel.
     pub run_length: f64,
     /// Size of the shift, standard deviations.
     pub shift: f64,
-    /// Mean number of values until the alarm, the first with the shift included.
+    /// Mean number of values until the alarm, including the first with the shift.
     pub mean: f64,
     /// Its standard error.
     pub std_error: f64,
@@ -83,18 +84,18 @@ pub struct Delay {
     pub bound: f64,
 }
 
-/// What is drawn.
+/// Settings of the measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RateSettings {
-    /// Series of each kind; each is watched for a year.
+    /// Series of each kind; each runs for a year.
     pub series: usize,
-    /// Seed of all that is drawn.
+    /// Seed of all random values.
     pub seed: u64,
     /// Threads.
     pub threads: usize,
 }
 
-/// Realised rates of all kinds of series. The same settings give the same figures, whatever the number of threads.
+/// Realised rates of all kinds of series. The same settings give the same results for any number of threads.
 #[must_use]
 pub fn realised_rates(settings: &RateSettings, on_piece: &(dyn Fn() + Sync)) -> Vec<RealisedRate> {
     let mut kinds = Vec::new();
@@ -129,7 +130,7 @@ pub fn rate_pieces(series: usize) -> usize {
     FREEDOMS.len() * CORRELATIONS.len() * LEARNT.len() * RATES.len() * series.div_ceil(YEARS_AT_ONCE)
 }
 
-/// Mean delays, of [`RateSettings::series`] series each.
+/// Mean delays, from [`RateSettings::series`] series each.
 #[must_use]
 pub fn delays(settings: &RateSettings) -> Vec<Delay> {
     let mut kinds = Vec::new();
@@ -171,28 +172,28 @@ pub fn delays(settings: &RateSettings) -> Vec<Delay> {
     kinds
 }
 
-/// Channels that share a false alarm a year, with the mean number of values that each then has between two.
+/// Numbers of channels that share one false alarm per year, with the mean number of values between two alarms of each.
 fn run_lengths() -> Vec<(usize, f64)> {
     let all = Budget::new(1.0, JOINTS, &[]).channels;
     let each = |channels: usize| VALUES_OF_DELAYS.map(|values| (channels, values * channels as f64));
     [1, all].into_iter().flat_map(each).collect()
 }
 
-/// Delay of the moving average that watches the level of friction, by its integral equation: one of all channels of a
-/// robot that is tested daily.
+/// Delay of the moving average that monitors the level of friction, by its integral equation: for one of all channels
+/// of a robot that is tested daily.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelDelay {
     /// Size of the shift, standard deviations of a test about the level.
     pub shift: f64,
     /// Mean number of tests between false alarms.
     pub run_length: f64,
-    /// Mean number of tests until the alarm, the first with the shift included.
+    /// Mean number of tests until the alarm, including the first with the shift.
     pub mean: f64,
     /// Lorden's bound.
     pub bound: f64,
 }
 
-/// Delays of the level of friction at a false alarm a year.
+/// Delays for the level of friction at one false alarm per year.
 #[must_use]
 pub fn level_delays() -> Vec<LevelDelay> {
     let run_length = Budget::new(1.0, JOINTS, &[]).run_length();
@@ -206,10 +207,10 @@ pub fn level_delays() -> Vec<LevelDelay> {
     [1.0, 2.0, 3.0, 5.0, 8.0].map(of).to_vec()
 }
 
-/// Streams of random numbers of delays begin here; rates have those before.
+/// Streams of random numbers of delays begin here; rates have the earlier ones.
 const DELAYS: usize = 1 << 16;
 
-/// The stream of a series: each of each kind has its own, so that figures are independent.
+/// The stream of a series: each series of each kind has its own, so that results are independent.
 fn stream(kind: usize, series: usize) -> u64 {
     ((kind as u64) << 32) + series as u64
 }
@@ -243,7 +244,7 @@ fn alarms(kind: &RealisedRate, draws: &mut Draws) -> usize {
     (0..VALUES_PER_YEAR).filter(|_| monitor.add(series.next(0.0), 0.0).is_out).count()
 }
 
-/// Values until an alarm of one series whose noise has shifted after the values that it was learnt from.
+/// Values until an alarm of one series whose noise shifts after the values that it was learnt from.
 fn delay(kind: &Delay, draws: &mut Draws) -> usize {
     let mut series = Autoregression::new(kind.correlation, kind.freedom, draws);
     let mut monitor = Monitor::new(Prior::vague(PRIOR_SCALE), kind.run_length);

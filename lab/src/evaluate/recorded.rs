@@ -1,26 +1,26 @@
-//! Robots whose tests are exports: what is drawn for each before its arm is simulated.
+//! Robots whose tests are exports: the random properties of each before its arm is simulated.
 //!
-//! This is the slow road: torques, files and the whole program stand between what happens and what is said.
+//! This is the slow method: the event affects torques, which pass through files and the whole program to the result.
 
 use super::draws::Draws;
 use super::event::{BASELINE_RUNS, drawn_size};
 use super::scenario::Scenario;
 
-/// Streams of random numbers of these robots begin here, apart from those of [`super::fleet`].
+/// Streams of random numbers of these robots begin here, separate from those of [`super::fleet`].
 const FIRST_ROBOT: u64 = 1 << 48;
-/// Last tests that show what happened, at least.
+/// Least number of last tests with the event.
 const RUNS_AFTER: usize = 3;
 
-/// One robot, and what happens to it.
+/// One robot, and its event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedRobot {
-    /// What happens.
+    /// Its scenario.
     pub scenario: Scenario,
-    /// Index of the joint to which it happens, where it is one's.
+    /// Index of the affected joint, if the event concerns one.
     pub joint: usize,
-    /// Place of the first test that has it, from 0.
+    /// Index of the first test with the event, from 0.
     pub onset: usize,
-    /// First cycle of that test that has it, from 0.
+    /// First cycle of that test with the event, from 0.
     pub cycle: usize,
     /// Size, in the unit of [`Scenario::size`].
     pub size: f64,
@@ -28,43 +28,43 @@ pub struct RecordedRobot {
     pub seed: u64,
     /// Cycles of a test.
     pub cycles: usize,
-    /// Rows a second, Hz.
+    /// Rows per second, Hz.
     pub sample_rate_hz: f64,
     /// Warming in each cycle, s.
     pub warming_s: f64,
-    /// Scatter of the hall's temperature from test to test, K.
+    /// Scatter of the ambient temperature from test to test, K.
     pub hall_k: f64,
-    /// Standard deviation of the instants of rows, steps; 0 for a clock that is even.
+    /// Standard deviation of the instants of rows, steps; 0 for an even clock.
     pub clock_jitter: f64,
     /// Scatter of each joint's friction from test to test, as a fraction.
     pub friction_day: f64,
     /// One of several forms of friction, see [`FRICTION_FORMS`].
     pub friction_form: usize,
-    /// By joint, how its unit differs from the description.
+    /// Difference of each joint of this robot from the description.
     pub units: Vec<JointUnit>,
 }
 
 /// Forms of friction that are drawn.
 pub const FRICTION_FORMS: usize = 3;
 
-/// How a joint differs from the description, as factors.
+/// Differences of a joint from the description, as factors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointUnit {
-    /// Of all friction.
+    /// Factor of all friction.
     pub friction: f64,
-    /// Of mass, first moments and inertia of the link.
+    /// Factor of mass, first moments and inertia of the link.
     pub inertial: f64,
-    /// Of what friction grows by in the cold.
+    /// Factor of the growth of friction in the cold.
     pub cold: f64,
-    /// Of both time constants of the warm-up.
+    /// Factor of both time constants of the warm-up.
     pub warm_up_time: f64,
-    /// Of the noise of the torque signal.
+    /// Factor of the noise of the torque signal.
     pub noise: f64,
 }
 
 impl RecordedRobot {
-    /// Draws robot `unit` of a scenario, an arm of `joints` joints that is tested `tests` times. `size` takes the place
-    /// of the drawn one. The same arguments give the same robot.
+    /// Draws robot `unit` of a scenario, an arm of `joints` joints that is tested `tests` times. `size` replaces the
+    /// drawn one. The same arguments give the same robot.
     #[must_use]
     pub fn draw(
         scenario: Scenario,

@@ -1,35 +1,35 @@
-//! What may happen to the robots of a fleet: the table of scenarios.
+//! The table of scenarios: possible events of a fleet's robots.
 
 use armwatch_model::anomaly::AnomalyKind;
 
-/// What happens to a robot.
+/// The event of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Scenario {
-    /// Nothing beyond what every robot has.
+    /// No event.
     Healthy,
-    /// Its hall becomes some kelvin colder or warmer from one day to the next, several times.
+    /// The ambient temperature changes by some kelvin from one day to the next, several times.
     Hall,
-    /// Its hall follows the seasons by several kelvin.
+    /// The ambient temperature follows the seasons by several kelvin.
     Season,
-    /// It rests over weekends and works on other days, so that tests begin cold or half warm.
+    /// The robot rests over weekends and works on other days, so that tests begin cold or half warm.
     Weekend,
     /// Tests of three to seven cycles.
     ShortTests,
     /// Tests of 18 to 24 cycles.
     LongTests,
-    /// A gearbox is replaced, which is entered as maintenance, and is run in.
+    /// A gearbox is replaced, with a maintenance entry, and is run in.
     Repair,
     /// Friction of a joint grows from test to test.
     Wear,
-    /// The same by a fraction of itself with every test, until it has risen by 60 %.
+    /// The same by a fraction of itself with every test, up to an increase of 60 %.
     WearByTest,
     /// Friction of a joint jumps between two tests.
     StepBetween,
     /// Friction of a joint jumps inside a test.
     StepInside,
-    /// The same inside one of the first tests.
+    /// The same within one of the first tests.
     StepInBaseline,
-    /// The tool is another one than in the first tests.
+    /// The tool differs from that of the first tests.
     Payload,
     /// Friction of a joint varies from cycle to cycle.
     Jitter,
@@ -43,38 +43,38 @@ pub enum Scenario {
     TorqueNoise,
     /// The zero position of a joint is lost by some degrees.
     ZeroPosition,
-    /// Something pushes a joint for some seconds of one cycle.
+    /// An external force pushes a joint for some seconds of one cycle.
     Contact,
     /// Friction of two joints varies from cycle to cycle, in the same cycles.
     CoupledJitter,
-    /// A gear has play.
+    /// A gear has backlash.
     Backlash,
     /// A torque channel keeps the first value of each recording.
     StuckTorque,
-    /// A torque channel goes no further than a part of what it should show.
+    /// A torque channel saturates at a fraction of its true range.
     SaturatedTorque,
-    /// A torque channel is late.
+    /// A torque channel is delayed.
     LateTorque,
-    /// Short checks of one cycle, and a whole test after each three of them.
+    /// Short checks of one cycle, and a whole test after every three of them.
     MixedTests,
     /// The slow time constant of the warm-up of all joints changes.
     Lubricant,
     /// The Coulomb part of a joint's friction grows with every test.
     WearCoulomb,
-    /// The part that grows with speed does.
+    /// The part that depends on speed grows with every test.
     WearViscous,
-    /// The constant and the linear part do, the curvature does not.
+    /// The constant and the linear part grow, the curvature does not.
     WearLinear,
 }
 
-/// The roads on which a scenario can be simulated.
+/// The ways to simulate a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Roads {
-    /// As figures of tests.
+    /// As test results.
     Figures,
     /// As exports.
     Exports,
-    /// As either.
+    /// Both.
     Both,
 }
 
@@ -87,7 +87,7 @@ struct ScenarioRow {
     roads: Roads,
 }
 
-/// Size of wear of a part of friction.
+/// Unit text for wear of a part of friction.
 const PART_BY_TEST: &str = "rise of the part with every test, fraction";
 
 const ROWS: [ScenarioRow; 30] = {
@@ -173,7 +173,7 @@ const ROWS: [ScenarioRow; 30] = {
 };
 
 impl Scenario {
-    /// All of them. What is drawn for a robot depends on the place of its scenario.
+    /// All scenarios. A robot's random draws depend on the index of its scenario.
     pub const ALL: [Self; ROWS.len()] = {
         let mut all = [Self::Healthy; ROWS.len()];
         let mut at = 0;
@@ -185,41 +185,41 @@ impl Scenario {
     };
 
     fn row(self) -> &'static ScenarioRow {
-        // the table has a row for each, which a test holds
+        // the table has a row for each scenario; a test checks that
         ROWS.iter().find(|row| row.scenario == self).unwrap_or(&ROWS[0])
     }
 
-    /// Name as people type it.
+    /// Name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         self.row().name
     }
 
-    /// The kind of the right alarm; `None` where any alarm is a false one.
+    /// The kind of the right alarm; `None` if any alarm is false.
     #[must_use]
     pub fn kind(self) -> Option<AnomalyKind> {
         self.row().kind
     }
 
-    /// Whether test `number`, from 0, is a short check.
+    /// Returns true if test `number`, from 0, is a short check.
     #[must_use]
     pub fn is_check(self, number: usize) -> bool {
         self == Self::MixedTests && number % 4 != 3
     }
 
-    /// Whether it can be simulated as figures of tests.
+    /// Returns true if it can be simulated as test results.
     #[must_use]
     pub fn has_figures(self) -> bool {
         self.row().roads != Roads::Exports
     }
 
-    /// Whether it can be simulated as exports.
+    /// Returns true if it can be simulated as exports.
     #[must_use]
     pub fn has_exports(self) -> bool {
         self.row().roads != Roads::Figures
     }
 
-    /// What the drawn size of the event is, with its unit; empty where there is none.
+    /// Meaning of the event's drawn size, with its unit; empty if there is none.
     #[must_use]
     pub fn size(self) -> &'static str {
         self.row().size

@@ -1,4 +1,4 @@
-//! What alarms are worth: false ones a robot-year, detection, delay, joint and cause.
+//! Quality of alarms: false ones per robot-year, detection, delay, joint and cause.
 
 use std::collections::BTreeMap;
 
@@ -12,25 +12,25 @@ use armwatch_method::statistics::descriptive::median;
 use armwatch_method::statistics::distributions::{chi_square_tail, normal_quantile};
 use armwatch_model::anomaly::AnomalyKind;
 
-/// Error of a mass that counts as right, as a fraction.
+/// Accepted error of a mass, as a fraction.
 const MASS_ERROR: f64 = 0.15;
 /// Share of the robots of [`ScenarioScore::most_delay_runs`].
 const MOST: f64 = 0.95;
 
-/// What became of one robot under one detector.
+/// Outcome of one robot with one detector.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotOutcome {
-    /// What happened to it.
+    /// Its scenario.
     pub scenario: Scenario,
-    /// Years that it was watched.
+    /// Years of its history.
     pub years: f64,
-    /// Kinds of its false alarms: all of a robot without an event, else those before the event.
+    /// Kinds of its false alarms: all of a robot without an event, otherwise those before the event.
     pub false_alarms: Vec<AnomalyKind>,
-    /// The first alarm since the event, where there was an event and an alarm.
+    /// The first alarm since the event, if there was an event and an alarm.
     pub found: Option<FirstAlarm>,
     /// Kinds of further alarms since the event, of other joints or kinds than the right one.
     pub further: Vec<AnomalyKind>,
-    /// Alarms of the right joint and kind since the event, but for the first.
+    /// Alarms of the right joint and kind since the event, except the first.
     pub repeated: usize,
     /// Size of the event, in the unit of [`Scenario::size`].
     pub size: f64,
@@ -39,38 +39,37 @@ pub struct RobotOutcome {
 /// The first alarm since an event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FirstAlarm {
-    /// Tests from the first that had the event until the alarm; 0 is the same test.
+    /// Tests from the first with the event until the alarm; 0 is the same test.
     pub delay_runs: usize,
     /// Days between these tests.
     pub delay_days: f64,
-    /// Its kind, as the whole history has it.
+    /// Its kind, by the whole history.
     pub kind: AnomalyKind,
-    /// Its kind as it was first said, with the tests until then.
+    /// Its kind when first reported, by the tests until then.
     pub first_kind: Option<AnomalyKind>,
-    /// Whether it names the right joint, or the whole arm where that is right.
+    /// True if it names the right joint, or the whole arm if that is right.
     pub is_right_joint: bool,
-    /// Whether its figure is right: the mass of a load to 15 %, the onset of a step to one cycle, the cycle of a
-    /// contact. `None` for alarms of
-    /// another kind and events without such a figure.
+    /// True if its value is right: the mass of a load to 15 %, the onset of a step to one cycle, the cycle of a
+    /// contact. `None` for alarms of another kind and events without such a value.
     pub is_right_figure: Option<bool>,
 }
 
-/// What happened to a robot, and when it was tested.
+/// The true event of a robot, and the times of its tests.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// What happened.
+    /// Its scenario.
     pub scenario: Scenario,
-    /// Index of the joint, where it is one's.
+    /// Index of the joint, if the event concerns one.
     pub joint: usize,
-    /// Place of the first test that has it.
+    /// Index of the first test with the event.
     pub onset: usize,
-    /// First cycle of that test that has it, from 0.
+    /// First cycle of that test with the event, from 0.
     pub cycle: usize,
     /// Size, in the unit of [`Scenario::size`].
     pub size: f64,
     /// Starts of its tests.
     pub starts: Vec<Timestamp>,
-    /// Years that it was watched.
+    /// Years of its history.
     pub years: f64,
 }
 
@@ -82,7 +81,7 @@ impl From<&History> for Truth {
     }
 }
 
-/// Judges the alarms of a history. `first_said` gives the alarms of the tests up to a place.
+/// Evaluates the alarms of a history. `first_said` gives the alarms of the tests up to an index.
 pub fn outcome(
     truth: &Truth,
     alarms: &[LabAlarm],
@@ -151,46 +150,47 @@ fn foremost<'a>(alarms: impl Iterator<Item = &'a LabAlarm>) -> Option<&'a LabAla
     })
 }
 
-/// Figures of one scenario under one detector.
+/// Results of one scenario with one detector.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenarioScore {
-    /// What happens.
+    /// The scenario.
     pub scenario: Scenario,
     /// Robots.
     pub robots: usize,
     /// Robot-years.
     pub years: f64,
-    /// False alarms: all of robots without an event; of others those before it, for which [`Self::years`] is too long.
+    /// False alarms: all of robots without an event; otherwise those before the event. [`Self::years`] is too long for
+    /// the latter.
     pub false_alarms: usize,
     /// Kinds of these.
     pub false_kinds: BTreeMap<&'static str, usize>,
     /// Robots with an alarm since the event.
     pub detected: usize,
-    /// Of these, with the right joint, the right kind in the end, the right kind when it was first said.
+    /// Number of these with the right joint. Similarly: the right kind in the end, the right kind when first reported.
     pub right_joint: usize,
     /// See [`Self::right_joint`].
     pub right_kind: usize,
     /// See [`Self::right_joint`].
     pub right_first_kind: usize,
-    /// Of those with an alarm that has a figure to be right in, see [`FirstAlarm::is_right_figure`]: right ones and all.
+    /// Robots whose first alarm has a value to check, see [`FirstAlarm::is_right_figure`]: right ones and all.
     pub right_figure: (usize, usize),
-    /// Delay in tests within which 95 % of all robots have an alarm; infinite where fewer ever have one.
+    /// Delay in tests within which 95 % of all robots have an alarm; infinite if fewer ever have one.
     pub most_delay_runs: f64,
-    /// Median delay, tests and days; not a number without a detection.
+    /// Median delay, tests and days; NaN without a detection.
     pub delay_runs: f64,
     /// See [`Self::delay_runs`].
     pub delay_days: f64,
-    /// Alarms since the event beside the right one, by kind.
+    /// Alarms since the event in addition to the right one, by kind.
     pub further_kinds: BTreeMap<&'static str, usize>,
-    /// Right alarms since the event but for the first of each robot: the fault was taken for over meanwhile.
+    /// Right alarms since the event except the first of each robot: the fault had seemed to end in between.
     pub repeated: usize,
-    /// Robots by what the first alarm says, `missed` where there was none.
+    /// Robots by the kind of the first alarm, `missed` if there was none.
     pub said: BTreeMap<&'static str, usize>,
     /// Detection over size.
     pub by_size: Vec<SizeBin>,
 }
 
-/// Events of about one size.
+/// Events of similar size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SizeBin {
     /// Geometric mean of their magnitudes.
@@ -199,15 +199,15 @@ pub struct SizeBin {
     pub robots: usize,
     /// See [`Self::robots`].
     pub detected: usize,
-    /// Median delay in tests; not a number without a detection.
+    /// Median delay in tests; NaN without a detection.
     pub delay_runs: f64,
 }
 
-/// Parts into which robots are divided by size.
+/// Number of size ranges.
 const SIZE_BINS: usize = 6;
 
 impl ScenarioScore {
-    /// Of the outcomes of one scenario.
+    /// Computes the score from the outcomes of one scenario.
     #[must_use]
     pub fn of(scenario: Scenario, outcomes: &[&RobotOutcome]) -> Self {
         let found: Vec<&FirstAlarm> = outcomes.iter().filter_map(|of| of.found.as_ref()).collect();
@@ -253,19 +253,19 @@ impl ScenarioScore {
         }
     }
 
-    /// Alarms since the event beside the right one, a robot.
+    /// Alarms per robot since the event, in addition to the right one.
     #[must_use]
     pub fn further_a_robot(&self) -> f64 {
         self.further_kinds.values().sum::<usize>() as f64 / self.robots.max(1) as f64
     }
 
-    /// Right alarms since the event but for the first, a robot.
+    /// Right alarms per robot since the event, except the first.
     #[must_use]
     pub fn repeated_a_robot(&self) -> f64 {
         self.repeated as f64 / self.robots.max(1) as f64
     }
 
-    /// False alarms a robot-year with their 95 % interval.
+    /// False alarms per robot-year with their 95 % interval.
     #[must_use]
     pub fn rate(&self) -> (f64, [f64; 2]) {
         rate(self.false_alarms, self.years)
@@ -303,7 +303,7 @@ fn by_size(scenario: Scenario, outcomes: &[&RobotOutcome]) -> Vec<SizeBin> {
         .collect()
 }
 
-/// Events a year, with the exact 95 % interval of a Poisson count (Garwood 1936).
+/// Events per year, with the exact 95 % interval of a Poisson count (Garwood 1936).
 #[must_use]
 pub fn rate(events: usize, years: f64) -> (f64, [f64; 2]) {
     let count = events as f64;
@@ -321,7 +321,7 @@ pub fn rate(events: usize, years: f64) -> (f64, [f64; 2]) {
     (count / years, [low / years, high / years])
 }
 
-/// 95 % interval of a probability of which `of` in `all` is an estimate (Wilson 1927).
+/// 95 % interval of a probability that `of` in `all` estimates (Wilson 1927).
 #[must_use]
 pub fn share_95(of: usize, all: usize) -> [f64; 2] {
     let (n, z) = (all.max(1) as f64, normal_quantile(0.975));
@@ -331,9 +331,9 @@ pub fn share_95(of: usize, all: usize) -> [f64; 2] {
     [-1.0, 1.0].map(|sign| ((middle + sign * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
 }
 
-/// Mean over the kinds that happened of F1 of the kind that the first alarm since the event has in the end. A missed
-/// event and one that is said to be another kind count against its own kind; a robot without an event that has an alarm
-/// counts against the kind of its first alarm. Not a number without events.
+/// Mean, over the kinds that occurred, of F1 of the final kind of the first alarm since the event. A missed event, or
+/// one with an alarm of another kind, counts against its own kind; an alarm of a robot without an event counts against
+/// the kind of its first alarm. NaN without events.
 #[must_use]
 pub fn macro_f1(outcomes: &[&RobotOutcome]) -> f64 {
     let mut scores = Vec::new();
@@ -422,7 +422,7 @@ mod tests {
             robot(Scenario::Jitter, Some(AnomalyKind::Drift)),
             robot(Scenario::Healthy, Some(AnomalyKind::Drift)),
         ];
-        // drift: 1 of 2 that happened, 3 named: 2/5; oscillation: 1 of 2, 1 named: 2/3
+        // drift: 1 of 2 that occurred, 3 named: 2/5; oscillation: 1 of 2, 1 named: 2/3
         let f1 = macro_f1(&all.iter().collect::<Vec<&RobotOutcome>>());
         assert!((f1 - 0.5 * (2.0 / 5.0 + 2.0 / 3.0)).abs() < 1e-12, "{f1}");
     }

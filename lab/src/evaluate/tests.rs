@@ -1,4 +1,4 @@
-//! Drawn robots answer to events as real ones would, and the program's detectors keep bounds on a small fleet.
+//! Drawn robots respond to events like real ones, and the program's detectors keep their bounds on a small fleet.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -91,7 +91,7 @@ fn the_index_shows_a_jump_of_friction_and_little_of_the_hall() {
         }
     }
     let rms = (errors.iter().map(|of| of * of).sum::<f64>() / errors.len() as f64).sqrt();
-    // its own walk is 0.2 to 1 %; friction itself moves by ten times that
+    // its own walk is 0.2 to 1 %; friction itself varies by ten times that
     assert!((0.004..0.03).contains(&rms), "{rms}");
 }
 
@@ -104,7 +104,7 @@ fn a_fleet_is_the_same_on_any_number_of_threads() {
     assert_eq!(text(on_one), text(on_four));
 }
 
-/// Faults of the sizes that people ask for.
+/// Faults of stated sizes.
 const STATED: [(Scenario, f64); 6] = [
     (Scenario::WearByTest, 0.04),
     (Scenario::StepInside, 0.25),
@@ -114,8 +114,8 @@ const STATED: [(Scenario, f64); 6] = [
     (Scenario::TorqueOffset, 8.0),
 ];
 
-/// Judges robots with faults of [`STATED`] sizes over half a year: nearly all are named with joint, kind and figure, and
-/// 95 % of them within `wear` tests of wear and in the first test of all else.
+/// Evaluates robots with faults of [`STATED`] sizes over half a year: nearly all alarms have the right joint, kind and
+/// value, and 95 % come within `wear` tests of wear and in the first test of all other faults.
 fn stated_faults_are_named(robots: usize, wear: f64) {
     let scenarios = STATED.map(|(scenario, _)| scenario).to_vec();
     let settings = FleetSettings { years: 0.5, sizes: STATED.to_vec(), ..settings(robots, scenarios) };
@@ -152,7 +152,7 @@ fn faults_of_stated_sizes_are_named() {
     stated_faults_are_named(8, 5.0);
 }
 
-/// As the table of docs/evidence/detection.md, with other robots.
+/// Like the table of docs/evidence/detection.md, with other robots.
 #[test]
 #[ignore = "360 robots, a minute"]
 fn nearly_all_faults_of_stated_sizes_are_named() {
@@ -167,7 +167,7 @@ fn a_pair_that_swings_together_is_named_as_one() {
     let own = &scores[0].scenarios[0];
     println!("found {}, as a pair {}, beside it {:.1}", own.detected, own.right_joint, own.further_a_robot());
     assert!(own.detected >= 9 && own.right_kind >= 9, "{own:?}");
-    // one of the pair may swing too little to be seen, by half as much in the draw
+    // one joint of the pair may vary too little to be detected, as the draw may halve it
     assert!(own.right_joint >= 7, "{own:?}");
 }
 
@@ -177,14 +177,14 @@ fn healthy_robots_stay_within_the_rate() {
     let scores = evaluate(&settings(10, scenarios), &|| ()).unwrap();
     let alarms: usize = scores[0].scenarios.iter().map(|of| of.false_alarms).sum();
     let years: f64 = scores[0].scenarios.iter().map(|of| of.years).sum();
-    // one a robot and year is asked for, and less than a half of it is spent
+    // the target is one per robot and year; less than half of it occurs
     assert!(alarms as f64 <= 0.5 * years, "{alarms} in {years} robot-years");
 }
 
-/// Logarithm of the likelihood of a changed time constant over none for a detector that knew the robot: what every cycle of
-/// every test since is expected to show, and scatter and walk of the joint. It compares the mean of `since` tests with that of
-/// `before` tests. Starts of tests have the usual warmth but for what takes it to each of `starts`, coldnesses of the joint's
-/// heat capacities that are a standard deviation away.
+/// Logarithm of the likelihood ratio of a changed time constant for an ideal detector that knows the robot: the
+/// expected value of every cycle of every test since, and scatter and walk of the joint. It compares the mean of
+/// `since` tests with that of `before` tests. Tests start at the usual temperature, except for deviations to each of
+/// `starts`: coldnesses of the joint's heat capacities that are a standard deviation away.
 fn knowable(arm: &LabArm<'_>, event: &Event, starts: &[Vec<f64>], [since, before]: [f64; 2]) -> f64 {
     let (joint, program) = (&arm.joints[event.joint], arm.program);
     let cold = joint.coldness(program.rest_h);
@@ -205,11 +205,12 @@ fn knowable(arm: &LabArm<'_>, event: &Event, starts: &[Vec<f64>], [since, before
     0.5 * one / (since.recip() + before.recip())
 }
 
-/// The likelihood ratio, in logarithms, that the program asks of a curve: six joints, daily tests, one false alarm a year.
+/// The likelihood ratio, in logarithms, that the program requires for a curve: six joints, daily tests, one false alarm
+/// per year.
 const ASKED: f64 = 29.7;
 
-/// Doubled time constants that a detector could find which knew the robot, and the warmth of each start, exactly or to a
-/// tenth, against as many tests before as a baseline has.
+/// Share of doubled time constants that an ideal detector finds if it knows the robot and the temperature of each
+/// start, exactly or to a tenth, with as many tests before as a baseline has.
 #[test]
 #[ignore = "a figure for docs/evidence/detection.md"]
 fn about_half_of_doubled_time_constants_can_be_known() {
@@ -239,9 +240,9 @@ fn about_half_of_doubled_time_constants_can_be_known() {
     assert!(nearly > 0.1 && nearly < exactly && exactly < more && more < 0.8, "{nearly} {exactly} {more}");
 }
 
-/// Time constants of drawn sizes over a year: how many the program names of those that can be known against a baseline of
-/// five tests, of those that it takes up to forty tests before to know, of those that it takes all of them, and of the others.
-/// Rests are as they are drawn, and not known.
+/// Time constants of drawn sizes over a year: how many the program detects among those that are detectable against a
+/// baseline of five tests, those that need up to forty tests before, those that need all of them, and the others. Rests
+/// are drawn and unknown.
 #[test]
 #[ignore = "figures for docs/evidence/detection.md, a minute"]
 fn most_time_constants_are_named_that_a_baseline_can_know() {
@@ -249,7 +250,7 @@ fn most_time_constants_are_named_that_a_baseline_can_know() {
     let settings = FleetSettings { seed: 1, ..settings(robots, vec![Scenario::WarmUp]) };
     let designs: Vec<Design> =
         (0..24).map(|of| Design::draw(&mut Draws::new(1, of)).expect("base parameters")).collect();
-    // known against a baseline, against forty tests, against all before the change, not known
+    // detectable against a baseline, against forty tests, against all before the change, not detectable
     let mut all = [0; 4];
     let mut named = [0; 4];
     for number in 0..robots {

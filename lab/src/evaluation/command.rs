@@ -1,4 +1,4 @@
-//! `armwatch-lab evaluate`: how good the detectors are, on simulated fleets.
+//! `armwatch-lab evaluate`: performance of the detectors on simulated fleets.
 
 use std::io::IsTerminal;
 
@@ -71,7 +71,7 @@ pub(crate) struct EvaluateArgs {
     rates: bool,
 }
 
-/// Series whose delay is measured for each that is watched for a year: a delay is a hundredth of the work.
+/// Number of series that run for a year per series whose delay is measured: a delay takes a hundredth of the work.
 const DELAYS_A_RATE: usize = 10;
 
 fn years(text: &str) -> Result<f64, String> {
@@ -103,7 +103,7 @@ fn size(text: &str) -> Result<(Scenario, f64), String> {
     }
 }
 
-/// Robots of each scenario unless said otherwise.
+/// Default number of robots of each scenario.
 const ROBOTS: u32 = 20;
 const ROBOTS_WITH_EXPORTS: u32 = 2;
 
@@ -165,7 +165,7 @@ fn print(scores: &[DetectorScore], args: &EvaluateArgs, json: bool, fleet: Strin
 }
 
 impl EvaluateArgs {
-    /// What is asked for, or all that can be simulated in this way.
+    /// The requested scenarios, or all that can be simulated in this way.
     fn scenarios(&self) -> Result<Vec<Scenario>, CliError> {
         let can = |of: &Scenario| if self.through_exports { of.has_exports() } else { of.has_figures() };
         let mut scenarios = self.scenario.clone();

@@ -1,4 +1,4 @@
-//! Robots whose tests are simulated exports, through the whole program: each has a folder and a database of its own.
+//! Robots whose tests are simulated exports, processed by the whole program: each has its own folder and database.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -27,34 +27,34 @@ use armwatch_simulate::run::recording::Clock;
 use armwatch_simulate::{SimulationSettings, recording_of_run, simulate_run};
 use armwatch_store::{AnomalyRow, Store};
 
-/// Share of its cycle that a contact lasts, see [`FaultKind::Contact`].
+/// Duration of a contact as a share of its cycle, see [`FaultKind::Contact`].
 const CONTACT_SHARE: f64 = 0.05;
-/// Most that wear grows to, as a fraction of healthy friction.
+/// Largest wear, as a fraction of healthy friction.
 const WEAR_CAP: f64 = 0.6;
-/// Rows a second at which the torques of an arm are looked at before its sizes are chosen, Hz.
+/// Rows per second of the torques that determine an arm's sizes, Hz.
 const LOOK_RATE_HZ: f64 = 20.0;
 /// Forms of friction, by their number.
 const FORMS: [FrictionShape; FRICTION_FORMS] =
     [FrictionShape::Gearbox, FrictionShape::Smooth, FrictionShape::Stiction];
 
-/// What to simulate.
+/// Settings of the simulation.
 #[derive(Debug, Clone)]
 pub(super) struct ExportSettings {
     /// Robots of each scenario.
     pub(super) robots: usize,
     /// Tests of each.
     pub(super) tests: u32,
-    /// Seed of all that is drawn.
+    /// Seed of all random values.
     pub(super) seed: u64,
     /// Robots at once.
     pub(super) threads: usize,
-    /// What happens.
+    /// The scenarios.
     pub(super) scenarios: Vec<Scenario>,
-    /// Sizes that are not drawn.
+    /// Sizes that replace the drawn ones.
     pub(super) sizes: Vec<(Scenario, f64)>,
 }
 
-/// Simulates the fleet, reads its exports and scores what was said. `on_robot` is called after each robot.
+/// Simulates the fleet, processes its exports and scores the alarms. `on_robot` is called after each robot.
 pub(super) fn evaluate_exports(
     settings: &ExportSettings,
     on_robot: &(dyn Fn() + Sync),
@@ -72,7 +72,7 @@ pub(super) fn evaluate_exports(
                     }
                     let outcome = robot(settings, number);
                     if outcome.is_err() {
-                        // what was begun is finished, nothing else is begun
+                        // robots in progress are finished, further ones are not started
                         next.store(total, Ordering::Relaxed);
                     }
                     done.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));
@@ -88,7 +88,7 @@ pub(super) fn evaluate_exports(
     Ok(DetectorScore::of(HistoryDetector::Armwatch, &settings.scenarios, &all))
 }
 
-/// One robot, tested a day after the other.
+/// One robot, tested day after day.
 fn robot(settings: &ExportSettings, number: usize) -> Result<RobotOutcome, CliError> {
     let scenario = settings.scenarios[number / settings.robots.max(1)];
     let size = settings.sizes.iter().find(|(of, _)| *of == scenario).map(|(_, size)| *size);
@@ -117,7 +117,7 @@ fn robot(settings: &ExportSettings, number: usize) -> Result<RobotOutcome, CliEr
     })
 }
 
-/// Simulates one test after the other, reads each and looks at the alarms.
+/// Simulates one test after the other, processes each and reads the alarms.
 async fn watch(
     pipeline: &Pipeline,
     arm: &Robot,
@@ -127,7 +127,7 @@ async fn watch(
 ) -> Result<RobotOutcome, CliError> {
     let stop = CancellationToken::new();
     let mut starts = Vec::new();
-    // alarms after each test, as they stood then
+    // the alarms after each test
     let mut said: Vec<Vec<LabAlarm>> = Vec::new();
     let check = SimulationSettings { cycles: 1, warming_s: 0.0, ..simulated.clone() };
     for run in 0..simulated.runs {
@@ -157,7 +157,7 @@ async fn watch(
     Ok(outcome(&truth, &last, |place| said.get(place).cloned().unwrap_or_default()))
 }
 
-/// Alarms of the only robot of a database, in the places of tests that began at `starts`.
+/// Alarms of the only robot of a database, with indices of the tests that began at `starts`.
 async fn alarms(store: &Store, starts: &[Timestamp]) -> Result<Vec<LabAlarm>, CliError> {
     let rows = store.anomalies_after(0).await?;
     Ok(rows.iter().filter(|row| row.severity >= Severity::Warning).map(|row| alarm(row, starts)).collect())
@@ -178,7 +178,7 @@ fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> LabAlarm {
     }
 }
 
-/// The described arm as a unit of its own.
+/// The described arm with individual differences.
 fn differing(described: &Robot, units: &[JointUnit]) -> Robot {
     let mut arm = described.clone();
     for (joint, unit) in arm.joints.iter_mut().zip(units) {
@@ -219,7 +219,7 @@ fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<Simulati
     Ok(settings)
 }
 
-/// The fault of a robot's scenario; `None` where nothing is wrong.
+/// The fault of a robot's scenario; `None` if there is none.
 fn fault(
     arm: &Robot,
     drawn: &RecordedRobot,
@@ -243,7 +243,7 @@ fn fault(
         S::WearLinear => always(wear(WornPart::Linear)),
         S::StepBetween => always(FaultKind::Step { size, cycle: 1 }),
         S::StepInside | S::StepInBaseline => always(FaultKind::Step { size, cycle: number(drawn.cycle) }),
-        // what is taken away was there before
+        // a load that is removed was present before
         S::Payload if size < 0.0 => {
             Some(Fault { kind: load(-size), joint: None, start_run: 1, last_run: Some(start_run - 1) })
         }

@@ -8,7 +8,7 @@ use crate::evaluate::score::{ScenarioScore, rate, share_95};
 use armwatch::cli::shared::output;
 use armwatch::report::figure::Figure;
 
-/// Detection over size; `fleet` says on which fleet.
+/// Detection over size; `fleet` describes the fleet.
 pub(super) fn figure(own: &DetectorScore, fleet: String) -> Figure {
     let curve = |of: &ScenarioScore| DetectionCurve {
         fault: of.scenario.name().into(),

@@ -1,8 +1,8 @@
 //! Alertmanager, by its API version 2 (`POST /api/v2/alerts`).
 //!
-//! It knows an alert by its labels and forgets all at a restart. So open alarms are told again and again, with an end
-//! far ahead; and where kind or severity, which are labels, have changed, the alert with the old ones is ended in the
-//! same request.
+//! It identifies an alert by its labels and forgets all alerts at a restart. So open alarms are sent again regularly,
+//! with an end far in the future; and if kind or severity, which are labels, have changed, the alert with the old ones
+//! is ended in the same request.
 
 use std::time::Duration;
 
@@ -17,10 +17,10 @@ use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::tls;
 use armwatch_config::receivers::AlertmanagerSettings;
 
-/// Until when an alarm is open unless it is told again: a daemon that stands still over a long weekend ends none.
+/// Duration of an open alarm unless it is sent again: a daemon that is stopped over a long weekend ends none.
 const OPEN_FOR: SignedDuration = SignedDuration::from_hours(4 * 24);
 
-/// Until when a try is open: longer than the usual `group_wait`, so that it comes through.
+/// Duration of a test alarm: longer than the usual `group_wait`, so that it is delivered.
 const TRIAL_FOR: SignedDuration = SignedDuration::from_mins(5);
 
 /// Posts messages to an Alertmanager.
@@ -62,7 +62,7 @@ fn alerts(message: &Message, now: Timestamp) -> Value {
     let open_for = if message.is_trial { TRIAL_FOR } else { OPEN_FOR };
     for (place, alarm) in message.alarms.iter().enumerate() {
         let event = &alarm.event;
-        // of an anomaly that a digest has twice, the last word counts
+        // if a digest contains an anomaly twice, the later event counts
         if message.alarms[place + 1..].iter().any(|later| later.event.anomaly_id == event.anomaly_id) {
             continue;
         }

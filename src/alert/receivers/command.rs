@@ -1,4 +1,4 @@
-//! A program of the operator: gets the message as JSON on standard input, ends with status 0 when it has it.
+//! A program of the operator: gets the message as JSON on standard input, and ends with status 0 after accepting it.
 
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
@@ -10,10 +10,10 @@ use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending};
 use armwatch_config::receivers::CommandSettings;
 
-/// Most bytes that are read of what a program says.
+/// Most bytes that are read of a program's output.
 const SAID_BYTES: u64 = 4096;
 
-/// Most characters of it that are told.
+/// Most characters of it that are reported.
 const SHOWN_CHARACTERS: usize = 200;
 
 /// Variables of the daemon that a program sees.
@@ -35,7 +35,7 @@ impl CommandReceiver {
         let failed = |error: std::io::Error| SendError::unreached(format!("{program}: {error}"));
         let mut child = Command::new(program)
             .args(&self.arguments[1..])
-            // secrets of the daemon stay with it
+            // secrets of the daemon are not passed on
             .env_clear()
             .envs(PASSED_ON.into_iter().filter_map(|name| Some((name, std::env::var_os(name)?))))
             .env("ARMWATCH_KEY", &message.key)
@@ -52,7 +52,7 @@ impl CommandReceiver {
         let text = message.json_text() + "\n";
         let writing = async {
             if let Some(mut stdin) = stdin {
-                // a program may do without the message, as one that only rings a bell
+                // a program may ignore the message, for example to ring a bell
                 let _ = stdin.write_all(text.as_bytes()).await;
             }
         };
@@ -61,7 +61,7 @@ impl CommandReceiver {
             if let Some(stderr) = stderr {
                 let mut start = stderr.take(SAID_BYTES);
                 let _ = start.read_to_end(&mut said).await;
-                // the rest is read too, or a program that says much would wait for ever
+                // the rest is read too: a program with much output would otherwise wait for ever
                 let _ = tokio::io::copy(&mut start.into_inner(), &mut tokio::io::sink()).await;
             }
             said

@@ -14,7 +14,7 @@ use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::secret;
 use armwatch_config::receivers::{EmailSettings, Encryption, ServerSettings};
 
-/// Header that filters of mail programs find.
+/// Header for filters of mail programs.
 const KEY_HEADER: &str = "X-Armwatch-Key";
 
 /// Sends mails.
@@ -78,7 +78,7 @@ impl Email {
         };
         sent.map(|_| ()).map_err(|error| {
             let detail = format!("{host}:{port}: {error}");
-            // a permanent answer may be meant for this mail alone
+            // a permanent error may apply to this mail alone
             if error.is_permanent() { SendError::refused(detail) } else { SendError::unreached(detail) }
         })
     }
@@ -92,7 +92,7 @@ impl Email {
             .message_id(Some(format!("<{}@{domain}>", message.key)))
             .date_now()
             .raw_header(HeaderValue::new(key, message.key.clone()));
-        // mails of one anomaly are one thread
+        // mails of one anomaly form one thread
         if let [alarm] = message.alarms.as_slice() {
             mail = mail.references(format!("<{}@{domain}>", message.origin.anomaly(alarm.event.anomaly_id)));
         }

@@ -1,4 +1,4 @@
-//! An alarm as Alertmanager and its webhooks know one: labels that identify, annotations that explain.
+//! An alarm in the form of Alertmanager and its webhooks: identifying labels, explaining annotations.
 
 use jiff::Timestamp;
 use serde_json::{Map, Value, json};
@@ -6,11 +6,11 @@ use serde_json::{Map, Value, json};
 use crate::alert::message::{Alarm, Message, Origin};
 use armwatch_model::text;
 
-/// Name of all alarms of this program, by which Alertmanager's routes find them.
+/// Name of all alarms of this program, for matching in Alertmanager's routes.
 const ALERT_NAME: &str = "RobotArmAlarm";
 
-/// Labels, with the kind and severity that are told. What identifies the anomaly does not change; kind and severity
-/// may, and an Alertmanager takes them for another alert then.
+/// Labels, with the given kind and severity. The identity of the anomaly does not change; kind and severity may, and
+/// Alertmanager then treats the alarm as another alert.
 pub(super) fn labels(alarm: &Alarm, origin: &Origin, kind: &str, severity: &str) -> Value {
     let event = &alarm.event;
     let mut labels = Map::new();
@@ -27,7 +27,7 @@ pub(super) fn labels(alarm: &Alarm, origin: &Origin, kind: &str, severity: &str)
     Value::Object(labels)
 }
 
-/// What explains an alarm; all values are text.
+/// Annotations that explain an alarm; all values are text.
 pub(super) fn annotations(alarm: &Alarm, message: &Message) -> Value {
     let told = alarm.json(&message.origin);
     let mut annotations = Map::new();
@@ -48,7 +48,7 @@ pub(super) fn annotations(alarm: &Alarm, message: &Message) -> Value {
     Value::Object(annotations)
 }
 
-/// An alert of the API; `ends_at` where that is said.
+/// An alert of the API, with `ends_at` if given.
 pub(super) fn alert(
     alarm: &Alarm,
     message: &Message,

@@ -14,7 +14,7 @@ impl Receiver for Log {
     }
 }
 
-/// A line at the level of the severity; what is over is information.
+/// Logs a line at the level of the severity; ended alarms are logged as information.
 fn log(alarm: &Alarm) {
     let event = &alarm.event;
     let (robot, joint, kind) = (&event.robot, event.joint, event.kind.name());

@@ -15,7 +15,7 @@ use armwatch_config::receivers::ReceiverSettings;
 /// The receiver of a route.
 ///
 /// # Errors
-/// [`Unusable`] if it cannot work as it is configured: a secret that cannot be read, certificates that are none.
+/// [`Unusable`] if it cannot work as configured: an unreadable secret, invalid certificates.
 pub fn open(route: &Route) -> Result<Box<dyn Receiver>, Unusable> {
     Ok(match &route.receiver {
         ReceiverSettings::Log(_) => Box::new(log::Log),

@@ -148,8 +148,8 @@ fn topic(prefix: &str, message: &Message) -> String {
     }
 }
 
-/// A name as one level of a topic, see [`text::percent`]. Different names have different levels; of a very long one the end
-/// is a hash.
+/// A name as one level of a topic, see [`text::percent`]. Different names have different levels; the end of a very long
+/// one is a hash.
 fn level(name: &str) -> String {
     let level = text::percent(name, &SPECIAL);
     if level.len() <= LEVEL_BYTES {
@@ -157,7 +157,7 @@ fn level(name: &str) -> String {
     }
     let hash = digest::digest(&digest::SHA256, name.as_bytes());
     let hash: String = hash.as_ref().iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-    // behind a percent sign no name has `~`
+    // no name has `~` after a percent sign
     let end = format!("%~{hash}");
     let begin = level.floor_char_boundary(LEVEL_BYTES - end.len());
     format!("{}{end}", &level[..begin])

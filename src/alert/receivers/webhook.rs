@@ -1,6 +1,6 @@
 //! Webhooks: the payload of Alertmanager's, version 4
-//! (<https://prometheus.io/docs/alerting/latest/configuration/#webhook_config>), signed as Standard Webhooks
-//! (<https://www.standardwebhooks.com>) say.
+//! (<https://prometheus.io/docs/alerting/latest/configuration/#webhook_config>), signed according to Standard Webhooks
+//! (<https://www.standardwebhooks.com>).
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -15,7 +15,7 @@ use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
 use armwatch_config::receivers::{Address, HttpLogin, Secret, WebhookSettings};
 
-/// What the payload has for the end of an alarm that has none.
+/// The payload's end time of an alarm that has not ended.
 const NO_END: &str = "0001-01-01T00:00:00Z";
 
 /// Secrets of Standard Webhooks begin with this; base 64 follows.
@@ -75,7 +75,7 @@ impl Receiver for Webhook {
     }
 }
 
-/// Reads the secrets of a login, so that what is missing is told when the program starts.
+/// Reads the secrets of a login, so that missing ones are reported when the program starts.
 pub(super) fn check_login(login: &HttpLogin) -> Result<(), Unusable> {
     match login {
         HttpLogin::None => Ok(()),
@@ -85,7 +85,7 @@ pub(super) fn check_login(login: &HttpLogin) -> Result<(), Unusable> {
     }
 }
 
-/// The key behind a secret.
+/// The key in a secret.
 fn key(secret: &str) -> Result<Vec<u8>, String> {
     match secret.strip_prefix(SECRET_PREFIX) {
         Some(encoded) => STANDARD.decode(encoded).map_err(|_| {
@@ -102,7 +102,7 @@ fn signature(secret: &str, id: &str, timestamp: i64, body: &str) -> Result<Strin
     Ok(format!("v1,{}", STANDARD.encode(tag)))
 }
 
-/// The payload, with `key` and `title` beside what Alertmanager sends.
+/// The payload, with `key` and `title` in addition to Alertmanager's fields.
 fn payload(message: &Message) -> Value {
     let alerts: Vec<Value> = message.alarms.iter().map(|alarm| alert(alarm, message)).collect();
     let common = |field: &str| match alerts.as_slice() {
@@ -137,7 +137,7 @@ fn alert(alarm: &Alarm, message: &Message) -> Value {
     if message.origin.link.is_none() {
         alert["generatorURL"] = Value::String(String::new());
     }
-    // of what does not change, so that a receiver that goes by it sees one alarm
+    // made of constant data, so that a receiver that uses it sees one alarm
     alert["fingerprint"] = Value::String(message.origin.anomaly(event.anomaly_id));
     alert
 }

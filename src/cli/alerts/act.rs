@@ -14,14 +14,14 @@ pub(super) const REOPEN: AlarmAction = AlarmAction::Reopen;
 pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;
 pub(super) const FALSE_ALARM: AlarmAction = AlarmAction::FalseAlarm;
 
-/// Which anomalies, who says so, and why.
+/// The selected anomalies, the user, and the reason.
 pub(super) struct AlarmCommand<'a> {
     pub(super) ids: &'a [i64],
     pub(super) by: Option<&'a str>,
     pub(super) why: Option<&'a str>,
 }
 
-/// The time so many days later.
+/// The time `days` days later.
 pub(super) fn days_after(now: Timestamp, days: i64) -> Result<Timestamp, CliError> {
     now.checked_add(SignedDuration::from_hours(24 * days))
         .map_err(|error| CliError::Usage(format!("{days} days from now: {error}")))
@@ -90,7 +90,7 @@ pub(super) async fn act(
     Ok(EXIT_DONE)
 }
 
-/// What is said of the others where one of several anomalies is refused.
+/// Text about the others if one of several anomalies is refused.
 fn others(ids: &[i64]) -> &'static str {
     if ids.len() > 1 { "; the others were left as they are too" } else { "" }
 }

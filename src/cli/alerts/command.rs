@@ -1,4 +1,4 @@
-//! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
+//! `armwatch alerts`: anomalies, people's answers to them, and their histories.
 
 use clap::{ArgGroup, Args, Subcommand};
 use jiff::Timestamp;

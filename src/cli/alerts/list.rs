@@ -11,7 +11,7 @@ use crate::cli::shared::unknown_robot::require_robot;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_store::{AlarmState, AnomalyRow, Store};
 
-/// Which anomalies are asked for; an empty list asks for all.
+/// The requested anomalies; an empty list selects all.
 pub(super) struct Wanted<'a> {
     pub(super) robot: Option<&'a str>,
     pub(super) states: &'a [AlarmState],
@@ -83,7 +83,7 @@ pub(super) async fn list(
     Ok(EXIT_DONE)
 }
 
-/// What is said where no anomaly is as asked for.
+/// Message if no anomaly matches.
 async fn nothing(store: &Store, wanted: &Wanted<'_>, known: &[AnomalyRow]) -> Result<String, CliError> {
     let closed = known.iter().filter(|row| row.state.is_closed()).count();
     let asks = wanted.all

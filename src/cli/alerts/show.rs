@@ -18,7 +18,7 @@ use armwatch_model::run::RunKind;
 use armwatch_model::text;
 use armwatch_store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store};
 
-/// Tests that are printed; a picture and JSON have all.
+/// Tests that are printed; a picture and JSON contain all.
 const TESTS_SHOWN: usize = 20;
 
 pub(super) async fn show(
@@ -70,7 +70,7 @@ struct EvidenceJson<'a> {
     shows_it: bool,
 }
 
-/// What the anomaly is, a line a fact.
+/// Facts about the anomaly, one per line.
 fn facts(row: &AnomalyRow) -> Vec<String> {
     let run = |id: Option<i64>| id.map(|id| format!(", run {id}")).unwrap_or_default();
     let cycle = |number: Option<u32>| number.map(|number| format!(", cycle {number}")).unwrap_or_default();
@@ -133,14 +133,14 @@ fn in_unit(quantity: Quantity) -> String {
     }
 }
 
-/// The forecast of the joint, of an anomaly of its friction that the latest test still shows.
+/// The forecast of the joint, for an anomaly of its friction that the latest test still shows.
 async fn forecast(store: &Store, row: &AnomalyRow) -> Result<Option<Forecast>, CliError> {
     let Some(joint) = row.joint.filter(|_| row.kind == AnomalyKind::Drift && !row.ended) else {
         return Ok(None);
     };
     let health = store.fleet_health().await?;
     let of_joint = health.into_iter().find(|health| health.robot == row.robot && health.joint == joint);
-    // logs of ordinary work have a drift of their own, and no forecast
+    // production logs have a separate drift, and no forecast
     let of_joint = of_joint.filter(|health| health.friction_quantity == Some(row.quantity));
     Ok(of_joint.and_then(|health| health.forecast))
 }
@@ -161,7 +161,7 @@ fn is_within(row: &AnomalyRow, at: Timestamp) -> bool {
     (row.first_seen_at..=row.last_seen_at).contains(&at)
 }
 
-/// The latest tests; of an anomaly of the whole arm, the RMSD of each joint.
+/// The latest tests; for an anomaly of the whole arm, the RMSD of each joint.
 fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     if tests.is_empty() {
         return format!("no complete test of {} has figures of it", text::shown(&row.robot));

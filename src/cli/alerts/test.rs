@@ -1,4 +1,4 @@
-//! `armwatch alerts test`: a message over routes that says that it is a try.
+//! `armwatch alerts test`: sends a message that is marked as a test over routes.
 
 use clap::Args;
 use serde_json::json;

@@ -5,11 +5,11 @@ use jiff::Timestamp;
 use crate::cli::context::CliError;
 use armwatch_store::{AlarmState, AnomalyRow, NotDone, Store};
 
-/// Most numbers that are proposed in place of one that does not exist.
+/// Most numbers that are proposed instead of one that does not exist.
 const PROPOSED: usize = 3;
 
-/// All anomalies as they stand at `now`: one whose shelving is over is open, also before a program that writes has
-/// noted it.
+/// All anomalies in their state at `now`: one whose shelving has expired is open, even if no writing program has noted
+/// it yet.
 pub(in crate::cli) async fn all(store: &Store, now: Timestamp) -> Result<Vec<AnomalyRow>, CliError> {
     let mut rows = store.anomalies_after(0).await?;
     for row in rows.iter_mut().filter(|row| row.shelved_until.is_some_and(|until| until <= now)) {
@@ -31,7 +31,7 @@ pub(super) async fn find(store: &Store, id: i64, now: Timestamp) -> Result<Anoma
     Err(CliError::Usage(unknown(id, &rows)))
 }
 
-/// What is said of an anomaly that the history has no longer.
+/// Error for an anomaly that is no longer in the history.
 pub(super) fn withdrawn(id: i64) -> CliError {
     CliError::Usage(format!(
         "{}; `SELECT * FROM anomaly_history WHERE anomaly_id = {id}` says what happened to it",
@@ -39,7 +39,7 @@ pub(super) fn withdrawn(id: i64) -> CliError {
     ))
 }
 
-/// What is said of a number that no anomaly has.
+/// Message for a number without an anomaly.
 pub(super) fn unknown(id: i64, rows: &[AnomalyRow]) -> String {
     let mut numbers: Vec<i64> = rows.iter().map(|row| row.anomaly_id).collect();
     if numbers.is_empty() {
@@ -71,7 +71,7 @@ pub(in crate::cli) fn name(row: &AnomalyRow) -> String {
     format!("{} on {}, {}", row.kind, row.robot, place(row))
 }
 
-/// The state with what is to be known of it.
+/// The state with its details.
 pub(in crate::cli) fn state(row: &AnomalyRow) -> String {
     match row.shelved_until {
         Some(until) => format!("{} until {}", row.state.name(), minute(until)),
@@ -79,7 +79,7 @@ pub(in crate::cli) fn state(row: &AnomalyRow) -> String {
     }
 }
 
-/// A figure with four significant digits, `-` without any.
+/// A value with four significant digits, or `-` if there is none.
 pub(super) fn figure(value: Option<f64>) -> String {
     let Some(value) = value.filter(|value| value.is_finite()) else { return "-".into() };
     if value == 0.0 {

@@ -40,7 +40,7 @@ pub(in crate::cli) fn init(global: &Global, args: &InitArgs) -> Result<u8, CliEr
     Ok(EXIT_DONE)
 }
 
-/// Writes a file, unless there is one; whether it was written.
+/// Writes a file unless it exists; returns true if it was written.
 fn write_new(path: &Path, text: &str) -> std::io::Result<bool> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)?;

@@ -1,4 +1,4 @@
-//! `armwatch config show`: what is in force, and from where.
+//! `armwatch config show`: the configuration in force, and its origin.
 
 use serde_json::json;
 

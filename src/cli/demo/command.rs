@@ -1,4 +1,4 @@
-//! `armwatch demo`: what it plants, the daemon at work, and what was found.
+//! `armwatch demo`: planted faults, a running daemon, and its findings.
 
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
@@ -37,9 +37,9 @@ use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_model::text;
 use armwatch_store::{Store, StoreError};
 
-/// Where the dashboard listens, unless another program does.
+/// Port of the dashboard, unless another program uses it.
 const PORT: u16 = 8650;
-/// Time between two looks whether all conclusions are drawn.
+/// Interval of checks that all conclusions are drawn.
 const LOOK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Args)]
@@ -74,7 +74,7 @@ pub(in crate::cli) struct DemoArgs {
     first_day: Option<Date>,
 }
 
-/// The demo at work.
+/// The running demo.
 struct Demo {
     fleet: Vec<DemoArm>,
     /// Arm and number of each test.
@@ -89,7 +89,7 @@ struct Demo {
 }
 
 pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
-    // the daemon names files from the root on, and so do the next steps
+    // the daemon uses absolute paths, and so do the next steps
     let folder = demo_folder(args)?;
     let folder =
         std::path::absolute(&folder).map_err(|e| CliError::Io(format!("{}: {e}", folder.display())))?;
@@ -103,7 +103,7 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
     };
     config.watch.folders = vec![inbox.clone()];
     config.watch.scan_interval = Duration::from_millis(500);
-    // some times the pause of a slow writer
+    // a multiple of a slow writer's pause
     config.watch.settle = Duration::from_millis(300);
     let arms = match args.first_day {
         Some(day) => fleet::fleet(day),
@@ -139,7 +139,7 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
         serving.cancel();
         if let Some(server) = server {
             server.ended().await;
-            // nothing is served any more that it would open
+            // the server that it gives access to has ended
             let _ = std::fs::remove_file(demo.folder.join("token"));
         }
         let ended = match watched {
@@ -153,8 +153,8 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
     })
 }
 
-/// Serves the dashboard to this machine and prints its address. Its token, with which alarms can be answered, is made
-/// for this demo and stands behind `#`, which a browser does not send.
+/// Serves the dashboard to this machine and prints its address. Its token, which permits answers to alarms, is made for
+/// this demo and comes after `#`, which a browser does not send.
 async fn dashboard(
     folder: &Path,
     configs: watch::Receiver<Arc<Config>>,
@@ -219,7 +219,7 @@ fn demo_folder(args: &DemoArgs) -> Result<PathBuf, CliError> {
 }
 
 impl Demo {
-    /// Says what is planted, where and when.
+    /// Prints the planted faults, with robot and time.
     fn introduce(&self) {
         let days = self.tests.iter().filter_map(|(arm, test)| arm.start(*test)).map(day);
         let days: std::collections::BTreeSet<String> = days.collect();
@@ -262,8 +262,8 @@ impl Demo {
         self.fleet.iter().filter_map(|arm| Some((arm, arm.planted.as_ref()?)))
     }
 
-    /// Runs the daemon beside the writer, until a stop is asked for or, with `--once`, all is concluded. `None` if it was
-    /// stopped before.
+    /// Runs the daemon together with the writer, until a stop is requested or, with `--once`, all conclusions are
+    /// drawn. Returns `None` if it was stopped before.
     async fn watch(
         self: &Arc<Self>,
         pipeline: &Pipeline,
@@ -291,7 +291,7 @@ impl Demo {
                 judged
             }
         });
-        // the daemon finishes the cycles in hand; nothing is written for it any more
+        // the daemon finishes the current cycles; no more exports are written
         let closing = tokio::spawn({
             let (room, done) = (Arc::clone(room), done.clone());
             async move {
@@ -334,8 +334,8 @@ impl Demo {
         Ok(())
     }
 
-    /// Waits until every export has its outcome and conclusions are drawn, and says what was found; `None` if `done` comes
-    /// before.
+    /// Waits until every export has its outcome and conclusions are drawn, and reports the findings; `None` if `done`
+    /// comes first.
     async fn judge(&self, store: &Store, done: &CancellationToken) -> Result<Option<DemoVerdict>, CliError> {
         while self.ended.load(Ordering::Relaxed) < self.tests.len() || !store.stale_robots().await?.is_empty()
         {
@@ -438,7 +438,7 @@ impl Demo {
         output::line(&format!("        {}: {}", alarm.severity, alarm.message));
     }
 
-    /// The comparison, and how to go on.
+    /// Prints the comparison, and the next steps.
     fn show_verdict(&self, verdict: &DemoVerdict) {
         if self.as_json {
             let mut value = verdict.as_value();
@@ -476,7 +476,7 @@ impl Demo {
         output::line(&format!("  rm -r {}   # when you are done with it", self.folder.display()));
     }
 
-    /// Says what was taken, and what was found in it.
+    /// Reports the stored tests, and the findings in them.
     async fn stopped(&self, store: &Store) -> Result<(), CliError> {
         let verdict = self.verdict(store).await?;
         let stored: u32 = tests_stored(store).await?.values().sum();
@@ -505,7 +505,7 @@ async fn tests_stored(store: &Store) -> Result<HashMap<String, u32>, StoreError>
     Ok(stored)
 }
 
-/// Bytes of all files below a folder; what cannot be read counts as nothing.
+/// Bytes of all files below a folder; unreadable ones count as zero.
 fn bytes_below(folder: &Path) -> u64 {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries
@@ -516,7 +516,7 @@ fn bytes_below(folder: &Path) -> u64 {
         .sum()
 }
 
-/// The path by which this program was started, from the root on; `None` where its name was enough.
+/// The absolute path of this program, if it was started by a path; `None` if its name was enough.
 fn program_by_path() -> Option<String> {
     let typed = std::env::args_os().next()?;
     let path = Path::new(&typed);

@@ -1,4 +1,4 @@
-//! The demo's arms: when each is tested, what is planted in it, and its exports.
+//! The demo's arms: test times, planted faults, and exports.
 
 use std::fs::File;
 use std::io::Write;
@@ -24,20 +24,20 @@ use armwatch_simulate::{SimulationSettings, simulate_run};
 pub(super) const CYCLES: u32 = 8;
 /// Days of the tests.
 const DAYS: i64 = 8;
-/// When all tests of a day have ended, UTC.
+/// Time when all tests of a day have ended, UTC.
 const END_OF_TESTS: SignedDuration = SignedDuration::from_hours(11);
-/// Rows a second, Hz: a short test programme at a low rate, so that the demo is soon over.
+/// Rows per second, Hz: a short test programme at a low rate, so that the demo is soon over.
 const SAMPLE_RATE_HZ: f64 = 20.0;
 /// Warming in each cycle, s.
 const WARMING_S: f64 = 5.0;
-/// Exports that lie in the folder before the daemon has taken them, at most: about a day's.
+/// Most exports in the folder that the daemon has not read yet: about a day's.
 const EXPORTS_AHEAD: usize = 8;
-/// Pieces in which an export is written that is to be seen growing: some to a cycle.
+/// Pieces of an export that visibly grows: several per cycle.
 const PIECES: usize = 30;
-/// Time between two pieces: below the time to settle, and two seconds for an export.
+/// Time between two pieces: below the settle time, and two seconds for an export.
 const PIECE_PAUSE: Duration = Duration::from_millis(60);
 
-/// A fault that is planted in an arm, and what the detectors should call it.
+/// A fault that is planted in an arm, and the expected kind of its alarm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Planted {
     pub(super) fault: Fault,
@@ -50,7 +50,7 @@ impl Planted {
         self.fault.start_run
     }
 
-    /// What is planted, in words.
+    /// The planted fault in words.
     pub(super) fn words(&self) -> String {
         match self.fault.kind {
             FaultKind::Wear { rate_per_run, .. } => {
@@ -76,7 +76,7 @@ pub(super) struct DemoArm {
     day_zero: Timestamp,
     /// Time of day of its tests.
     time: SignedDuration,
-    /// Days of its tests, from 1, rising.
+    /// Days of its tests, from 1, in increasing order.
     days: &'static [u32],
     pub(super) planted: Option<Planted>,
 }
@@ -97,7 +97,7 @@ impl DemoArm {
         (1..=self.tests()).find(|test| self.start(*test) == Some(at))
     }
 
-    /// The arm's settings with a first start from which run `test` falls on its own day.
+    /// The arm's settings, with a first start that puts run `test` on its day.
     fn settings(&self, test: u32, seed: u64) -> Option<SimulationSettings> {
         let usual = SimulationSettings::default();
         let since_first = usual.interval.checked_mul(test.checked_sub(1)?)?;
@@ -115,8 +115,8 @@ impl DemoArm {
     }
 }
 
-/// The arms: five tests each to learn, unless the fault shows without; then the fault, and time for it to be found.
-/// They are tested from `first_day` on.
+/// The arms: five tests each to learn, unless the fault shows without them; then the fault, and time to detect it. They
+/// are tested from `first_day` on.
 pub(super) fn fleet(first_day: Date) -> Result<Vec<DemoArm>, jiff::Error> {
     let day_zero = first_day.yesterday()?.to_zoned(TimeZone::UTC)?.timestamp();
     let joint = |number: usize| Some(JointIndex::new(number - 1));
@@ -143,7 +143,7 @@ pub(super) fn fleet(first_day: Date) -> Result<Vec<DemoArm>, jiff::Error> {
     ])
 }
 
-/// The first day with which the last tests are of today, or of yesterday where today's would not have ended.
+/// The first day that puts the last tests on today, or on yesterday if today's would not have ended.
 pub(super) fn latest_first_day(now: Timestamp) -> Result<Date, jiff::Error> {
     let last_day = (now - END_OF_TESTS).to_zoned(TimeZone::UTC).date();
     last_day.checked_sub(jiff::Span::new().days(DAYS - 1))
@@ -157,10 +157,10 @@ pub(super) fn schedule(fleet: &[DemoArm]) -> Vec<(DemoArm, u32)> {
     tests
 }
 
-/// Where exports are made and put.
+/// Folders of exports.
 #[derive(Debug, Clone)]
 pub(super) struct DemoFolders {
-    /// Exports that are not finished.
+    /// Folder for unfinished exports.
     pub(super) made: PathBuf,
     /// Truth files.
     pub(super) truth: PathBuf,
@@ -168,9 +168,9 @@ pub(super) struct DemoFolders {
     pub(super) inbox: PathBuf,
 }
 
-/// Writes the fleet's exports in the order of their starts, as the controllers would: the first one bit by bit, so that it
-/// is read while it grows, the others appear whole. Each takes a permit of `room` for good, and it ends where `room`
-/// is closed.
+/// Writes the fleet's exports in the order of their starts, like controllers: the first one piece by piece, so that it
+/// is read while it grows; the others appear as a whole. Each takes a permit of `room` permanently, and writing ends
+/// when `room` is closed.
 pub(super) fn write_exports(
     robot: Robot,
     tests: Vec<(DemoArm, u32)>,
@@ -196,13 +196,13 @@ pub(super) fn write_exports(
             let put = if grows { append_slowly(&export, &target) } else { std::fs::rename(&export, &target) };
             put.map_err(|error| CliError::Io(format!("{}: {error}", target.display())))?;
         }
-        // a file that is left over does no harm
+        // a leftover file does no harm
         let _ = std::fs::remove_dir_all(&folders.made);
         Ok(())
     })
 }
 
-/// Room for the exports that may lie in the folder.
+/// Permits for the exports that may be in the folder.
 pub(super) fn room() -> Arc<Semaphore> {
     Arc::new(Semaphore::new(EXPORTS_AHEAD))
 }

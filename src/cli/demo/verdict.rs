@@ -1,4 +1,4 @@
-//! What was planted against what was found.
+//! Compares planted faults with the findings.
 
 use std::collections::HashMap;
 
@@ -12,12 +12,12 @@ use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_model::robot::JointIndex;
 use armwatch_store::AnomalyRow;
 
-/// An anomaly, as far as the comparison needs it.
+/// The data of an anomaly that the comparison needs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct FoundAlarm {
     pub(super) anomaly_id: i64,
     pub(super) robot: String,
-    /// `None` where the cause is the whole arm's.
+    /// `None` for a cause of the whole arm.
     pub(super) joint: Option<JointIndex>,
     pub(super) kind: AnomalyKind,
     pub(super) severity: Severity,
@@ -41,32 +41,32 @@ impl From<&AnomalyRow> for FoundAlarm {
 }
 
 impl FoundAlarm {
-    /// Whether somebody has to look: `info` is worth knowing only.
+    /// Returns true if it needs attention: `info` is information only.
     pub(super) fn is_alarm(&self) -> bool {
         self.severity >= Severity::Warning
     }
 }
 
-/// What became of a planted fault.
+/// Result for a planted fault.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PlantedOutcome {
     arm: DemoArm,
     planted: Planted,
-    /// Tests with the fault that are stored.
+    /// Stored tests with the fault.
     tests_with_it: u32,
-    /// The alarm on its arm and joint since it was planted: of the right kind, else the first one.
+    /// The alarm on its arm and joint since it was planted: one of the right kind, otherwise the first one.
     alarm: Option<FoundAlarm>,
 }
 
-/// All planted faults and all alarms.
+/// Results for all planted faults, and all alarms.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DemoVerdict {
     answers: Vec<PlantedOutcome>,
-    /// Alarms where nothing was planted.
+    /// Alarms without a planted fault.
     further: Vec<FoundAlarm>,
 }
 
-/// The fault that an anomaly can come from: planted in its arm and joint, and not after it.
+/// The fault that may be the cause of an anomaly: planted in its arm and joint, and not after it.
 pub(super) fn planted_in<'f>(fleet: &'f [DemoArm], row: &FoundAlarm) -> Option<(&'f DemoArm, &'f Planted)> {
     let arm = fleet.iter().find(|arm| arm.name == row.robot)?;
     let planted = arm.planted.as_ref()?;
@@ -98,12 +98,12 @@ impl DemoVerdict {
         Self { answers, further }
     }
 
-    /// Whether every fault was found with its joint and kind, and nothing else.
+    /// Returns true if every fault was found with its joint and kind, and nothing else.
     pub(super) fn is_right(&self) -> bool {
         self.further.is_empty() && self.answers.iter().all(PlantedOutcome::is_right)
     }
 
-    /// Number of an alarm to look at.
+    /// Number of an alarm to show as an example.
     pub(super) fn example(&self) -> Option<i64> {
         self.answers.iter().find_map(|answer| Some(answer.alarm.as_ref()?.anomaly_id))
     }
@@ -150,7 +150,7 @@ impl PlantedOutcome {
         self.alarm.as_ref().is_some_and(|alarm| alarm.kind == self.planted.kind)
     }
 
-    /// The test with which the alarm began.
+    /// The test that started the alarm.
     fn found_in(&self) -> Option<u32> {
         self.arm.test_at(self.alarm.as_ref()?.first_seen_at)
     }

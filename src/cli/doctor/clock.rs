@@ -1,4 +1,4 @@
-//! The clock of the machine: rests between tests, silence and retention are counted by it.
+//! Checks the clock of the machine, which determines rests between tests, silence and retention.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -9,7 +9,7 @@ use armwatch_config::Config;
 
 const CHECK: &str = "clock";
 
-/// Written by systemd-timesyncd once the clock was set.
+/// Created by systemd-timesyncd once the clock was set.
 const SYNCHRONISED: &str = "/run/systemd/timesync/synchronized";
 
 pub(super) fn check(_config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {

@@ -1,4 +1,4 @@
-//! The copy for readers: whether it is there and new enough.
+//! Checks that the copy for readers exists and is new enough.
 
 use std::time::{Duration, SystemTime};
 

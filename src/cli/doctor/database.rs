@@ -1,4 +1,4 @@
-//! The database: whether it can be read, is of this program's version, and is whole.
+//! Checks the database: readable, of this program's version, and intact.
 
 use jiff::Timestamp;
 
@@ -67,7 +67,7 @@ async fn looked_through(store: &Store) -> Vec<DoctorFinding> {
     }
 }
 
-/// Daemons that share the database and are gone without having been stopped.
+/// Daemons that share the database and have vanished without a regular stop.
 fn hosts(hosts: Result<Vec<HostRow>, StoreError>) -> Vec<DoctorFinding> {
     let hosts = match hosts {
         Ok(hosts) => hosts,
@@ -92,7 +92,7 @@ fn hosts(hosts: Result<Vec<HostRow>, StoreError>) -> Vec<DoctorFinding> {
     }
 }
 
-/// The clock against what was entered last.
+/// Compares the clock with the latest entry.
 fn entered(latest: Result<Option<Timestamp>, StoreError>) -> Vec<DoctorFinding> {
     match latest {
         Ok(Some(at)) if at > Timestamp::now() => vec![DoctorFinding::problem(

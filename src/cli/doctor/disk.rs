@@ -1,4 +1,4 @@
-//! Room for the database, and for whatever else the daemon writes.
+//! Space for the database, and for all other files of the daemon.
 
 use std::path::Path;
 
@@ -8,10 +8,11 @@ use armwatch_config::Config;
 
 const CHECK: &str = "disk";
 
-/// Less than this share of a disk is little.
+/// A share of free space below this is small.
 const LITTLE: f64 = 0.10;
 
-/// With less than this the daemon stops within days, bytes: a write-ahead log after a burst takes some hundred megabytes.
+/// Free space that the daemon needs, bytes; with less, it stops within days: a write-ahead log after a burst takes some
+/// hundred megabytes.
 const NEEDED_BYTES: u64 = 1 << 30;
 
 pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
@@ -45,7 +46,7 @@ fn of(path: &Path, what: &str) -> DoctorFinding {
     judged(what, &place, (free, size), (room.f_favail, room.f_files))
 }
 
-/// `room` is free and whole, bytes; `inodes` are free and all, of which some file systems have none to count.
+/// Checks `room`, free and total bytes, and `inodes`, free and total; some file systems report no inodes.
 fn judged(what: &str, place: &Path, room: (u64, u64), inodes: (u64, u64)) -> DoctorFinding {
     let share = |(free, all): (u64, u64)| if all == 0 { 1.0 } else { free as f64 / all as f64 };
     let place = place.display();

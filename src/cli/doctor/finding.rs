@@ -1,13 +1,13 @@
-//! What was found, and what to do about it.
+//! Findings of `doctor`, with their remedies.
 
-/// How bad it is.
+/// Level of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CheckLevel {
-    /// As it should be.
+    /// No problem.
     Ok,
-    /// The daemon works, and somebody should know.
+    /// The daemon works, but the finding should be known.
     Warning,
-    /// The daemon does not work, or will lose or refuse something.
+    /// The daemon does not work, or will lose or refuse data.
     Problem,
 }
 
@@ -25,33 +25,33 @@ impl CheckLevel {
 /// One finding.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct DoctorFinding {
-    /// What was looked at.
+    /// The check.
     pub(super) check: &'static str,
-    /// How bad it is.
+    /// Its level.
     pub(super) level: CheckLevel,
     /// A sentence.
     pub(super) said: String,
-    /// What to do; empty where nothing is to be done.
+    /// The remedy; empty if none is needed.
     pub(super) remedy: String,
 }
 
 impl DoctorFinding {
-    /// Nothing is to be done.
+    /// A finding that needs no action.
     pub(super) fn ok(check: &'static str, said: impl ToString) -> Self {
         Self { check, level: CheckLevel::Ok, said: said.to_string(), remedy: String::new() }
     }
 
-    /// Somebody should know.
+    /// A finding that should be known.
     pub(super) fn warning(check: &'static str, said: impl ToString, remedy: impl ToString) -> Self {
         Self { check, level: CheckLevel::Warning, said: said.to_string(), remedy: remedy.to_string() }
     }
 
-    /// The daemon does not work with it.
+    /// A finding that prevents the daemon from working.
     pub(super) fn problem(check: &'static str, said: impl ToString, remedy: impl ToString) -> Self {
         Self { level: CheckLevel::Problem, ..Self::warning(check, said, remedy) }
     }
 
-    /// As people read it.
+    /// The finding as a line of text.
     pub(super) fn line(&self) -> String {
         let Self { check, level, said, remedy } = self;
         let remedy = if remedy.is_empty() { String::new() } else { format!("; {remedy}") };

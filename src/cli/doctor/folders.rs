@@ -12,7 +12,7 @@ const CHECK: &str = "shares";
 
 const FOLDERS: &str = "folders";
 
-/// Places of a folder that are told one by one.
+/// Most places of a folder that are reported individually.
 const MOST_TOLD: usize = 20;
 
 pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {

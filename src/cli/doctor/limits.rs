@@ -1,4 +1,4 @@
-//! Limits of the system: open files, and folders that may be watched.
+//! Limits of the system: open files, and watched folders.
 
 use std::path::Path;
 
@@ -10,10 +10,10 @@ use armwatch_config::Config;
 
 const CHECK: &str = "limits";
 
-/// Files that the daemon has open besides exports: 320 connections of clients, connections of the database, log.
+/// Open files of the daemon besides exports: 320 connections of clients, connections of the database, log.
 const OTHER_FILES: u64 = 384;
 
-/// Folders are counted up to here: to walk a tree of millions takes minutes.
+/// Most folders that are counted: walking a tree of millions takes minutes.
 const MOST_COUNTED: u64 = 100_000;
 
 pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
@@ -62,7 +62,7 @@ fn number(name: &str) -> Option<u64> {
     text.trim().parse().ok()
 }
 
-/// A folder with its subfolders, `most` at most; links are not followed.
+/// Number of a folder and its subfolders, at most `most`; links are not followed.
 fn counted(folder: &Path, most: u64) -> u64 {
     let (mut count, mut waiting) = (0, vec![folder.to_owned()]);
     while let Some(folder) = waiting.pop() {

@@ -1,13 +1,13 @@
-//! What the system says of itself, as far as several checks ask for it.
+//! Properties of the system that several checks need.
 
 use std::path::{Path, PathBuf};
 
-/// The machine and who asks.
+/// The machine and the user.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Machine {
     /// Mount points with the types of their file systems, as in `/proc/self/mountinfo`.
     pub(super) mounts: Vec<(PathBuf, String)>,
-    /// Number of the user who asks.
+    /// Number of the user.
     pub(super) user: u32,
 }
 
@@ -18,30 +18,30 @@ impl Machine {
         Self { mounts: mounts.lines().filter_map(mount).collect(), user: rustix::process::geteuid().as_raw() }
     }
 
-    /// The type of the file system of a place; of one that is not there, of the nearest folder above it.
+    /// The type of a path's file system; if the path does not exist, that of the nearest existing folder above it.
     pub(super) fn file_system(&self, path: &Path) -> Option<&str> {
         let path = std::fs::canonicalize(nearest(path)).ok()?;
         let above = self.mounts.iter().filter(|(point, _)| path.starts_with(point));
-        // of several on one point, the last covers the others
+        // if several have the same mount point, the last covers the others
         let nearest = above.max_by_key(|(point, _)| point.components().count())?;
         Some(&nearest.1)
     }
 }
 
-/// Point and type of a line of mountinfo: `36 35 98:0 / /mnt rw shared:1 - ext4 /dev/sda1 rw`.
+/// Mount point and type in a line of mountinfo: `36 35 98:0 / /mnt rw shared:1 - ext4 /dev/sda1 rw`.
 fn mount(line: &str) -> Option<(PathBuf, String)> {
     let (before, after) = line.split_once(" - ")?;
     let point = before.split(' ').nth(4)?.replace("\\040", " ");
     Some((point.into(), after.split(' ').next()?.to_owned()))
 }
 
-/// The path, or the nearest folder above it that is there.
+/// The path, or the nearest existing folder above it.
 pub(super) fn nearest(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     path.ancestors().find(|place| place.exists()).unwrap_or(Path::new("/")).to_owned()
 }
 
-/// Whether a file system lies on another machine.
+/// Returns true if a file system is on another machine.
 pub(super) fn is_share(file_system: &str) -> bool {
     let shares = [
         "nfs",

@@ -1,4 +1,4 @@
-//! `armwatch doctor`: whether machine, configuration and database are fit for the daemon.
+//! `armwatch doctor`: checks that machine, configuration and database are fit for the daemon.
 
 mod clock;
 mod copies;
@@ -42,7 +42,7 @@ pub(super) struct DoctorArgs {
     all: bool,
 }
 
-/// Everything that is looked at, in the order in which it is told. Each gives a finding for whatever it looked at.
+/// All checks, in the order of the report. Each returns a finding for everything that it checked.
 const CHECKS: [fn(&Config, &Machine) -> Vec<DoctorFinding>; 7] = [
     disk::check,
     folders::check,
@@ -79,7 +79,7 @@ pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError>
     Ok(if is_fit { EXIT_DONE } else { EXIT_FOUND })
 }
 
-/// What `armwatch run` would refuse or warn of.
+/// Findings about settings that `armwatch run` would refuse or warn of.
 fn of_configuration(config: &Config) -> Vec<DoctorFinding> {
     let found = preflight(config);
     let refused =

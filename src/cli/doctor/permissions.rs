@@ -1,4 +1,4 @@
-//! Whether the user who asks may read and write what the daemon reads and writes.
+//! Checks that the user may read and write the files of the daemon.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
         }
     }
     for folder in &config.watch.folders {
-        // one that is not there is told with the configuration
+        // a missing folder is reported with the configuration
         if folder.exists() && access(folder, Access::READ_OK | Access::EXEC_OK).is_err() {
             let said = format!("the watched folder {} may not be looked into", folder.display());
             found.push(DoctorFinding::problem(CHECK, said, "let the user of the service read it"));
@@ -54,7 +54,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
     found
 }
 
-/// What keeps the daemon from opening its lock file, such as a first start as root.
+/// A problem that prevents the daemon from opening its lock file, such as a first start as root.
 fn lock_file(lock: &Path) -> Option<DoctorFinding> {
     let error = access(lock, Access::WRITE_OK).err().filter(|_| lock.exists())?;
     let said = format!(
@@ -65,7 +65,7 @@ fn lock_file(lock: &Path) -> Option<DoctorFinding> {
     Some(DoctorFinding::problem(CHECK, said, remedy))
 }
 
-/// What keeps a place from being written to; one that is not there is made in the nearest folder above it.
+/// A problem that prevents writing to a path; a missing one would be created in the nearest existing folder above it.
 fn written(path: &Path, what: &str) -> Option<DoctorFinding> {
     let place = nearest(path);
     let error = access(&place, Access::WRITE_OK).err()?;

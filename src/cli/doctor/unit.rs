@@ -1,4 +1,4 @@
-//! The systemd unit: whether it is installed, and whether it lets the daemon write where the configuration says.
+//! Checks the systemd unit: installation, and write access to the configured paths.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use armwatch_config::Config;
 
 const CHECK: &str = "unit";
 
-/// Where units lie, the one in force first.
+/// Paths of units, the one in force first.
 const PLACES: [&str; 4] =
     ["/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system", "/lib/systemd/system"];
 
@@ -30,7 +30,7 @@ pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
     found
 }
 
-/// The unit and what was added to it, in the order in which systemd reads them.
+/// The unit and its drop-ins, in systemd's order of reading.
 fn with_drop_ins(unit: &Path) -> String {
     let mut text = std::fs::read_to_string(unit).unwrap_or_default();
     let mut added: Vec<PathBuf> = PLACES
@@ -48,7 +48,7 @@ fn with_drop_ins(unit: &Path) -> String {
     text
 }
 
-/// What the daemon writes to, from the root on.
+/// Absolute paths that the daemon writes to.
 fn written(config: &Config) -> Vec<PathBuf> {
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let mut paths: Vec<PathBuf> = config.database_file().map(absolute).into_iter().collect();
@@ -66,7 +66,7 @@ fn values<'t>(text: &'t str, key: &'t str) -> impl Iterator<Item = &'t str> {
     text.lines().filter_map(move |line| line.trim().strip_prefix(key)?.trim_start().strip_prefix('='))
 }
 
-/// Whether a unit lets these paths be written to.
+/// Checks that a unit permits writing to these paths.
 fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<DoctorFinding> {
     if values(text, "ProtectSystem").last().is_none_or(|value| value.trim() != "strict") {
         return vec![DoctorFinding::ok(CHECK, format!("{unit} leaves the file system writable"))];
@@ -76,7 +76,7 @@ fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<DoctorFinding> {
         if value.trim().is_empty() {
             allowed.clear();
         }
-        // a minus sign allows that it is not there, a plus sign counts from the unit's root
+        // a minus sign permits its absence, a plus sign makes it relative to the unit's root
         allowed.extend(value.split_whitespace().map(|path| path.trim_start_matches(['-', '+']).into()));
     }
     for value in values(text, "StateDirectory") {

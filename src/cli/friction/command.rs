@@ -1,4 +1,4 @@
-//! `armwatch friction`: friction points and their warm-up fits, made again from what is stored.
+//! `armwatch friction`: friction points and their warm-up fits, computed again from stored data.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -105,10 +105,10 @@ enum OverArg {
     Runs,
 }
 
-/// Speed at which runs are compared, as the thesis does in figure 5.23, as a fraction of the largest.
+/// Speed for comparing runs, like in figure 5.23 of the thesis, as a fraction of the largest.
 const COMPARED_SPEED: f64 = 0.6;
 
-/// A friction point with where it comes from.
+/// A friction point with its source.
 struct Sourced {
     robot: String,
     run_id: i64,
@@ -211,7 +211,7 @@ async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Ve
     Ok((names(&runs), points))
 }
 
-/// Refuses a joint that none of the robots has. Of a robot without a complete test it is not known how many it has.
+/// Refuses a joint that none of the robots has. The number of joints is unknown for a robot without a complete test.
 async fn refuse_missing_joint<'r>(
     store: &Store,
     robots: impl Iterator<Item = &'r str>,
@@ -253,7 +253,7 @@ fn names(runs: &[&RunRow]) -> String {
     }
 }
 
-/// Joints and speed levels that there are points of.
+/// Joints and speed levels with points.
 fn levels(points: &[FrictionPoint]) -> Vec<(usize, f64)> {
     let mut levels: Vec<(usize, f64)> =
         points.iter().map(|point| (point.joint.number(), point.speed_fraction)).collect();
@@ -270,7 +270,7 @@ fn fit_of(fits: &[WarmUpFit], level: (usize, f64)) -> Option<&WarmUpFit> {
     fits.iter().find(|fit| is_of(level, fit.joint.number(), fit.speed_fraction))
 }
 
-/// An estimate with its standard error in brackets, which is `-` where there is none.
+/// An estimate with its standard error in brackets, or `-` without one.
 fn shown(estimate: Estimate) -> String {
     let number = |value: f64| if value.is_finite() { format!("{value:.4}") } else { "-".to_owned() };
     format!("{} ({})", number(estimate.value), number(estimate.std_error))
@@ -346,7 +346,7 @@ fn figure(
     }
 }
 
-/// Points of each run at the level nearest to [`COMPARED_SPEED`], if `--speed` has not chosen one.
+/// Points of each run at the level nearest to [`COMPARED_SPEED`], unless `--speed` selects one.
 fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
     let one_robot = points.windows(2).all(|pair| pair[0].robot == pair[1].robot);
     let distance = |of: &Sourced| (of.point.speed_fraction - COMPARED_SPEED).abs();

@@ -1,4 +1,4 @@
-//! `armwatch friction --index`: the friction index by run, and whether it is white enough for control charts.
+//! `armwatch friction --index`: the friction index by run, and a test of its whiteness for control charts.
 
 use serde_json::json;
 
@@ -16,13 +16,13 @@ use armwatch_store::{IndexRow, ThermalSourceRow, time_in_views};
 pub(in crate::cli) struct JointIndexSeries {
     robot: String,
     rows: Vec<IndexRow>,
-    /// Where the joint stands.
+    /// Status of the joint.
     standing: Option<StatusWord>,
-    /// What happened to it.
+    /// Its events.
     events: Vec<FigureEvent>,
     /// Days between which an alarm on its friction was seen.
     alarms: Vec<[f64; 2]>,
-    /// What the thermal state is taken from, where there is a map now.
+    /// Source of the thermal state, if there is a map now.
     source: Option<ThermalSourceRow>,
 }
 
@@ -52,7 +52,7 @@ impl JointIndexSeries {
         self.source.as_ref().map(|row| row.source.as_str())
     }
 
-    /// What the map of the joint does not know, in sentences.
+    /// Limitations of the joint's map, in sentences.
     fn remarks(&self) -> impl Iterator<Item = &str> {
         self.source.iter().filter_map(|row| row.remarks.as_deref()).flat_map(str::lines)
     }
@@ -61,8 +61,8 @@ impl JointIndexSeries {
         self.rows.iter().map(|row| row.index.value).collect()
     }
 
-    /// Part of the variance of measured friction between runs that the index no longer has; `None` if fewer
-    /// than [`MIN_VALUES`] runs were long enough to be compared as measured.
+    /// Share of the variance of measured friction between runs that the index removes; `None` if fewer than
+    /// [`MIN_VALUES`] runs were long enough for a comparison of measured friction.
     fn explained(&self) -> Option<f64> {
         let full = self.rows.iter().filter(|row| !row.short && row.raw.is_some());
         let (raw, index): (Vec<f64>, Vec<f64>) =
@@ -72,7 +72,7 @@ impl JointIndexSeries {
     }
 }
 
-/// Prints all series, as tables or, with `json`, an object a line.
+/// Prints all series, as tables or, with `json`, one object per line.
 pub(in crate::cli) fn print(series: &[JointIndexSeries], json: bool) {
     let long: Vec<Vec<f64>> = series.iter().map(JointIndexSeries::values).collect();
     let together = common_lag_1(&long);

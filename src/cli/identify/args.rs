@@ -99,7 +99,7 @@ pub(in crate::cli) struct IdentifyArgs {
     pub(in crate::cli) save: Option<String>,
 }
 
-/// An estimator as it is typed.
+/// An estimator as an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::cli) struct EstimatorArg(pub(in crate::cli) EstimatorKind);
 

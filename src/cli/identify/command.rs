@@ -37,7 +37,7 @@ pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u
     })
 }
 
-/// The configured estimator, or what stands for it on factors.
+/// The configured estimator, or its counterpart on factors.
 fn configured(config: &Config) -> EstimatorKind {
     let configured = config.analysis.estimator;
     if configured.of_factors() != configured {
@@ -54,7 +54,7 @@ fn configured(config: &Config) -> EstimatorKind {
     }
 }
 
-/// What cannot be together.
+/// Refuses arguments that exclude each other.
 fn check(args: &IdentifyArgs, of: EstimatorKind) -> Result<(), CliError> {
     args.save.as_deref().map_or(Ok(()), check_name)?;
     let refuse = |what: &str| Err(CliError::Usage(what.to_owned()));
@@ -172,7 +172,7 @@ async fn report(
 
 type RmsdBeforeAndAfter = (Vec<TorqueRmsd>, Option<Vec<TorqueRmsd>>);
 
-/// RMSD of the set and, if parameters were taken away, of the full one.
+/// RMSD of the set and, if parameters were removed, of the full one.
 async fn rmsd_of_set(
     store: &Store,
     taken: &PooledCycles,
@@ -218,7 +218,7 @@ async fn save(
     }
 }
 
-/// Names that `verify --parameters` or `--prior` would take for something else are none.
+/// Refuses names that `verify --parameters` or `--prior` would interpret differently.
 fn check_name(name: &str) -> Result<(), CliError> {
     let ambiguous =
         name.is_empty() || name.contains(':') || name.parse::<i64>().is_ok() || name == "description";

@@ -50,7 +50,7 @@ pub(in crate::cli) async fn each_cycle(
     Ok(if complete { EXIT_DONE } else { EXIT_FOUND })
 }
 
-/// Cycles that are to be done; cycles without factors are counted too.
+/// Number of cycles to process; cycles without factors count too.
 pub(in crate::cli) fn expected(known: &[RunRow], chosen: &[RunCycles]) -> u64 {
     let of = |chosen: &RunCycles| match &chosen.cycles {
         Some(cycles) => cycles.len() as u64,
@@ -150,7 +150,7 @@ fn statistics_row(of: &ReestimatedStatistics) -> Vec<String> {
     ]
 }
 
-/// One object a cycle, then one a run with its statistics.
+/// Prints one object per cycle, then one per run with its statistics.
 fn print_json(found: &Reestimate, parameters: &HashMap<ParameterId, ModelParameter>) {
     for cycle in &found.cycles {
         output::json(&json!({

@@ -1,4 +1,4 @@
-//! What `armwatch identify` prints of cycles taken together.
+//! Output of `armwatch identify` for combined cycles.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -16,14 +16,14 @@ use armwatch_model::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
 use armwatch_model::robot::{JointIndex, ParameterId};
 use armwatch_store::ModelParameter;
 
-/// Everything there is to print.
+/// All data of the output.
 pub(in crate::cli) struct Report<'a> {
     pub(in crate::cli) taken: &'a PooledCycles,
     pub(in crate::cli) estimator: EstimatorKind,
     pub(in crate::cli) together: &'a PooledResult,
     pub(in crate::cli) parameters: &'a HashMap<ParameterId, ModelParameter>,
     pub(in crate::cli) rmsd: &'a [TorqueRmsd],
-    /// Before parameters were taken away.
+    /// RMSD before parameters were removed.
     pub(in crate::cli) rmsd_full: Option<&'a [TorqueRmsd]>,
     pub(in crate::cli) groupings: bool,
     pub(in crate::cli) saved: Option<&'a str>,
@@ -46,14 +46,14 @@ fn is_flagged(parameter: &IdentifiedParameter) -> bool {
     relative_error(parameter) > FLAGGED_RELATIVE_ERROR
 }
 
-/// Whether a parameter has no value of its own, since the motion does not show it. Others without an error were
-/// taken away as not essential.
+/// Returns true if a parameter has no separate value, because the motion does not identify it. Others without an error
+/// were removed as not essential.
 fn is_unshown(parameter: &IdentifiedParameter, found: &PooledEstimate) -> bool {
     let removed = found.essential.as_ref().is_some_and(|of| of.removed.contains(&parameter.id));
     !parameter.is_shown() && !removed
 }
 
-/// A number, or null where it is not finite.
+/// A number, or null if it is not finite.
 fn known(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
@@ -139,7 +139,7 @@ impl Report<'_> {
         text
     }
 
-    /// Noise of the joints and cycles of less weight, where there are weights.
+    /// Noise of the joints and cycles with less weight, if there are weights.
     fn weights_text(&self, found: &PooledEstimate) -> String {
         if self.estimator == EstimatorKind::Ordinary {
             return String::new();
@@ -164,7 +164,7 @@ impl Report<'_> {
         text + &less.concat()
     }
 
-    /// Place of the cycle, joint, weight.
+    /// Index of the cycle, joint, weight.
     fn lighter_cycles<'a>(
         &self,
         found: &'a PooledEstimate,
@@ -209,7 +209,7 @@ impl Report<'_> {
         )
     }
 
-    /// Parameters without a value of their own, and why.
+    /// Parameters without a separate value, and the reason.
     fn unshown_text(&self, found: &PooledEstimate) -> String {
         let parameters = found.identification.parameters.iter();
         let unshown: Vec<String> =
@@ -375,7 +375,7 @@ fn add_figures(value: &mut Value, found: &Identification, errors: ErrorBasis) {
     };
 }
 
-/// Standard deviation of each joint's residual, Nm, as the weights say.
+/// Standard deviation of each joint's residual, Nm, by the weights.
 fn noise(found: &PooledEstimate) -> Vec<f64> {
     found.weights.by_joint.iter().map(|weight| 1.0 / weight.sqrt()).collect()
 }
@@ -405,7 +405,8 @@ fn figure(value: f64) -> String {
     known(value).map_or_else(|| "-".to_owned(), |value| format!("{value:.6}"))
 }
 
-/// A condition number says how many digits are lost; more than four of its own say nothing.
+/// The logarithm of a condition number is the number of lost digits; more than four digits of the condition number are
+/// meaningless.
 fn four_digits(value: f64) -> String {
     let text = |value: f64| match value.abs() {
         size if size >= 1e6 => format!("{value:.3e}"),

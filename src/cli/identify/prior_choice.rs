@@ -1,4 +1,4 @@
-//! What `--prior` names.
+//! The prior that `--prior` selects.
 
 use super::args::IdentifyArgs;
 use crate::cli::context::CliError;
@@ -13,7 +13,7 @@ use armwatch_method::pooled::nominal_prior::{PRIOR_STD_FRACTION, nominal_base, w
 use armwatch_model::robot::ParameterId;
 use armwatch_store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoredModel};
 
-/// The prior that the arguments name, and the cycles behind it.
+/// The selected prior, and the cycles that it comes from.
 pub(in crate::cli) async fn prior_choice(
     args: &IdentifyArgs,
     chosen: &[RunCycles],
@@ -50,7 +50,7 @@ pub(in crate::cli) async fn prior_choice(
     Ok((EstimatorChoice::Stacked(StackedEstimator::Prior { priors, strength }), sources))
 }
 
-/// The first cycle that is behind both.
+/// The first cycle that both come from.
 pub(in crate::cli) fn sources_overlap<'a>(
     taken: &'a [SourceCycle],
     prior: &[SourceCycle],
@@ -87,7 +87,7 @@ fn of_description(
     Ok(known(&values, args.prior_std_fraction.unwrap_or(PRIOR_STD_FRACTION)))
 }
 
-/// Values of a set; without a fraction their own standard errors say which are known better.
+/// Values of a set; without a fraction, their own standard errors are their uncertainty.
 fn of_set(args: &IdentifyArgs, set: &ParameterSet) -> Vec<(ParameterId, ParameterPrior)> {
     let parameters = &set.identification.parameters;
     let own = |p: &armwatch_model::analysis::IdentifiedParameter| {

@@ -68,7 +68,7 @@ pub(super) struct IngestArgs {
     accept: Vec<FindingKind>,
 }
 
-/// Looks at an export that another program was taking, before it is left for good.
+/// Most attempts at an export that another program is reading.
 const LOOKS: usize = 3;
 
 /// Reads the name of a finding; clap proposes the nearest one.
@@ -107,7 +107,7 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     })
 }
 
-/// Reads complete runs anew, all or, where one of them cannot be, none.
+/// Reads complete runs again: all, or none if one of them cannot be read.
 async fn take_again(
     pipeline: &Pipeline,
     runs: &[i64],
@@ -149,7 +149,7 @@ pub(super) async fn take_all(
     take(pipeline, exports, Retry::Quarantined, stop, as_json).await
 }
 
-/// Takes exports one after the other, and prints what becomes of each and of all.
+/// Processes exports one after the other, and prints the outcome of each and a total.
 async fn take(
     pipeline: &Pipeline,
     exports: &[PathBuf],
@@ -174,7 +174,7 @@ async fn take(
     let is_faulty = !turn.conclude_all().await?;
     let took = turn.bar.clear();
     print_tally(&turn.tally, took, false, as_json);
-    // other robots are concluded all the same
+    // conclusions of other robots are drawn nevertheless
     Ok(if is_faulty { EXIT_INTERNAL } else { turn.tally.exit_code() })
 }
 
@@ -186,7 +186,7 @@ fn print_tally(tally: &Tally, took: Duration, is_interrupted: bool, as_json: boo
     }
 }
 
-/// Says what was done before a stop, and how the rest is done.
+/// Reports the work done before a stop, and how to do the rest.
 fn end_early(tally: &Tally, took: Duration, exports: usize, as_json: bool) -> u8 {
     print_tally(tally, took, true, as_json);
     output::print_hint(&format!(
@@ -197,7 +197,7 @@ fn end_early(tally: &Tally, took: Duration, exports: usize, as_json: bool) -> u8
     EXIT_STOPPED
 }
 
-/// Exports in work: what all of them share, and what has become of them so far.
+/// Exports in progress: their shared state, and their outcomes so far.
 struct IngestBatch<'a> {
     pipeline: &'a Pipeline,
     retry: Retry,
@@ -205,13 +205,13 @@ struct IngestBatch<'a> {
     as_json: bool,
     bar: ProgressLine,
     tally: Tally,
-    /// Stored exports by robot, since conclusions are drawn of some at once.
+    /// Stored exports by robot; conclusions are drawn once there are several.
     ended: HashMap<String, usize>,
 }
 
 impl IngestBatch<'_> {
-    /// Takes one export after the other and, at the end, looks again at those that another program was taking at the same
-    /// time. `false` where a stop was asked for.
+    /// Processes one export after the other and, at the end, tries again those that another program was reading at the
+    /// same time. Returns `false` if a stop was requested.
     async fn take_each(&mut self, exports: &[PathBuf]) -> Result<bool, CliError> {
         let mut exports_ahead = self.pipeline.read_all_ahead(exports, self.retry, self.stop);
         let mut elsewhere = Vec::new();
@@ -242,7 +242,8 @@ impl IngestBatch<'_> {
         Ok(true)
     }
 
-    /// Takes an export that another program was taking. Where that one ends its run meanwhile, the next look finds it.
+    /// Processes an export that another program was reading. If that program ends its run in the meantime, the next
+    /// attempt finds it.
     async fn look_again(&self, path: &Path) -> Result<Outcome, CliError> {
         let mut taken = self.look(path).await;
         for _ in 1..LOOKS {
@@ -263,7 +264,7 @@ impl IngestBatch<'_> {
         self.pipeline.process(path, self.retry, self.stop, |_| ()).await
     }
 
-    /// Prints and counts what became of an export; draws conclusions where several of its robot are stored.
+    /// Prints and counts the outcome of an export; draws conclusions if several of its robot are stored.
     async fn close(&mut self, path: &Path, outcome: &Outcome) -> Result<(), CliError> {
         let known_robot = known_robot(self.pipeline, outcome).await?;
         let empty = without_result(self.pipeline, outcome).await?;
@@ -281,10 +282,10 @@ impl IngestBatch<'_> {
         Ok(())
     }
 
-    /// Draws what the histories of all robots with news say; `false` if that cannot be for one of them.
+    /// Draws conclusions for all robots with new runs; returns `false` if they fail for one of them.
     async fn conclude_all(&mut self) -> Result<bool, CliError> {
         let mut are_drawn = true;
-        // conclusions of one robot may be news for others of its model, and these for no one
+        // conclusions of one robot may change those of others of its model, but the latter change no others
         for _ in 0..2 {
             for robot in self.pipeline.store().stale_robots().await? {
                 are_drawn &= self.conclude(&robot.name).await?;
@@ -293,7 +294,7 @@ impl IngestBatch<'_> {
         Ok(are_drawn)
     }
 
-    /// Draws and prints what a robot's history says; `false`, with the reason in the log, if that cannot be.
+    /// Draws and prints conclusions from a robot's history; returns `false`, with the reason in the log, if they fail.
     async fn conclude(&mut self, robot: &str) -> Result<bool, CliError> {
         let (bar, as_json) = (&self.bar, self.as_json);
         match self.pipeline.conclude_isolated(robot).await? {
@@ -315,8 +316,8 @@ impl IngestBatch<'_> {
     }
 }
 
-/// Whether another program takes the same export at the same time. In a database in a file, both write to one run until
-/// one of them has ended it; where both begin it at once, the second one is refused.
+/// Returns true if another program reads the same export at the same time. In a database file, both write to one run
+/// until one of them has ended it; if both start it at once, the second one is refused.
 fn is_taken_elsewhere(taken: &Result<Outcome, PipelineError>) -> bool {
     matches!(
         taken,
@@ -331,7 +332,7 @@ async fn known_robot(pipeline: &Pipeline, outcome: &Outcome) -> Result<Option<St
     Ok(pipeline.store().run_source(*run_id).await?.map(|source| source.robot))
 }
 
-/// What there is to say of a complete run that says nothing of the arm, stored now or before.
+/// The note about a complete run without results about the arm, stored now or before.
 async fn without_result(pipeline: &Pipeline, outcome: &Outcome) -> Result<Option<RunResult>, CliError> {
     let run_id = match outcome {
         Outcome::Stored(run) => run.run_id,
@@ -342,7 +343,7 @@ async fn without_result(pipeline: &Pipeline, outcome: &Outcome) -> Result<Option
     Ok(result.filter(|result| result.without_result))
 }
 
-/// Files as they were named, folders by their exports in the order of their names.
+/// Files as named, folders by their exports in the order of their names.
 fn find_exports(paths: &[PathBuf], follow_links: bool) -> Result<Vec<PathBuf>, CliError> {
     let mut exports = Vec::new();
     for path in paths {

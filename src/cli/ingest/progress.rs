@@ -1,4 +1,4 @@
-//! Progress over all exports: one line with the file, its cycles and the time that is left.
+//! Progress over all exports: one line with the file, its cycles and the remaining time.
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -14,15 +14,15 @@ use armwatch_model::text;
 /// Cycles of an export that are read and not stored yet: one is read, two are analysed, one waits.
 const IN_FLIGHT: u32 = 4;
 
-/// How much of all exports is done, in bytes: what is known before an export is read.
+/// Progress of all exports in bytes, which are known before an export is read.
 #[derive(Debug, Default, Clone, PartialEq)]
 struct IngestWork {
-    /// Of exports that are stored or quarantined, and of those to come.
+    /// Bytes of exports that are stored or quarantined, and of those to come.
     done: u64,
     ahead: u64,
-    /// Of one cycle of the last export that was stored.
+    /// Bytes of one cycle of the last stored export.
     of_cycle: Option<f64>,
-    /// The export in hand: its bytes, those read, and its stored cycles.
+    /// The current export: its bytes, those read, and its stored cycles.
     size: u64,
     read: u64,
     cycles: u32,
@@ -54,7 +54,7 @@ impl IngestWork {
                 self.done += self.size;
             }
             Outcome::Quarantined { known: false, .. } => self.done += self.size,
-            // took no time, which says nothing of the others
+            // took no time, which is no evidence for the others
             _ => {}
         }
         (self.size, self.read, self.cycles) = (0, 0, 0);
@@ -65,14 +65,14 @@ impl IngestWork {
         if total > 0.0 { (self.done as f64 + self.of_this()) / total } else { 0.0 }
     }
 
-    /// Time that is left after `elapsed`, once there is something to go by.
+    /// Remaining time after `elapsed`, once there is evidence.
     fn left(&self, elapsed: Duration) -> Option<Duration> {
         let fraction = self.fraction();
         (fraction > 0.0).then(|| elapsed.mul_f64((1.0 - fraction) / fraction))
     }
 }
 
-/// One line over all exports, hidden where there is no terminal; cleared when it is dropped.
+/// One line over all exports, hidden without a terminal; cleared when it is dropped.
 #[derive(Debug, Clone)]
 pub(super) struct ProgressLine {
     bar: ProgressBar,
@@ -88,7 +88,7 @@ impl ProgressLine {
     pub(super) fn new(exports: &[PathBuf]) -> Self {
         let bar =
             if std::io::stderr().is_terminal() { ProgressBar::new(STEPS) } else { ProgressBar::hidden() };
-        // the message is cut where the terminal ends
+        // the message is cut at the terminal's width
         if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:20}] {percent:>3} % {wide_msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
@@ -110,7 +110,7 @@ impl ProgressLine {
         let mut work = self.work();
         work.begin(bytes_of(path));
         work.at += 1;
-        // a terminal would obey what stands in it
+        // a terminal would interpret its control characters
         work.name = text::shown(&text::of_file_name(path)).into_owned();
         self.bar.set_prefix(format!("file {}/{}", work.at, self.files));
         self.show(&work);
@@ -136,12 +136,12 @@ impl ProgressLine {
         self.bar.set_message(format!("cycle {}{}, {}", work.cycles, left.unwrap_or_default(), work.name));
     }
 
-    /// Prints something while the line is away.
+    /// Prints something while the line is hidden.
     pub(super) fn pause(&self, print: impl FnOnce()) {
         self.bar.suspend(print);
     }
 
-    /// Takes the line away; how long all took.
+    /// Removes the line; returns the total time.
     pub(super) fn clear(&self) -> Duration {
         self.bar.finish_and_clear();
         self.begun.elapsed()
@@ -168,7 +168,7 @@ mod tests {
         work.read = 1000;
         assert_eq!((work.fraction(), work.left(Duration::from_secs(5))), (0.0, None), "nothing is stored");
         work.cycles = 4;
-        // four cycles are stored and four in flight: half of what is read
+        // four cycles are stored and four in flight: half of the part that is read
         assert_eq!(work.fraction(), 0.25);
         assert_eq!(work.left(Duration::from_secs(5)), Some(Duration::from_secs(15)));
         work.end(&stored(8));

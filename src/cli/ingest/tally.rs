@@ -1,4 +1,4 @@
-//! What became of all exports, counted.
+//! Counts the outcomes of all exports.
 
 use std::time::Duration;
 
@@ -10,14 +10,14 @@ use crate::cli::shared::output;
 use crate::pipeline::context::Outcome;
 use armwatch_model::anomaly::Severity;
 
-/// What became of all exports.
+/// Counts of the outcomes of all exports.
 #[derive(Debug, Default)]
 pub(super) struct Tally {
     stored: usize,
     known: usize,
     quarantined: usize,
     without_result: usize,
-    /// To be tried again.
+    /// Exports to try again.
     not_read: usize,
     /// Cycles of the stored exports, and those of them without parameters.
     cycles: usize,
@@ -26,7 +26,7 @@ pub(super) struct Tally {
     pub(super) opened: [usize; 3],
 }
 
-/// From the worst.
+/// Severities, the worst first.
 const SEVERITIES: [Severity; 3] = [Severity::Critical, Severity::Warning, Severity::Info];
 
 impl Tally {
@@ -47,7 +47,7 @@ impl Tally {
         }
     }
 
-    /// Exports whose fate is decided.
+    /// Exports with a final outcome.
     pub(super) fn decided(&self) -> usize {
         self.stored + self.known + self.quarantined
     }
@@ -74,7 +74,7 @@ impl Tally {
         text + &format!("; {}", lasting(took))
     }
 
-    /// For scripts; `is_interrupted` says that exports are left over, since a stop was asked for.
+    /// The counts for scripts; `is_interrupted` is true if exports are left because a stop was requested.
     pub(super) fn as_value(&self, took: Duration, is_interrupted: bool) -> serde_json::Value {
         let opened: serde_json::Map<_, _> = SEVERITIES
             .into_iter()

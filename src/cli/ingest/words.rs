@@ -1,4 +1,4 @@
-//! What is said of an export and of what its robot's history says with it.
+//! Texts about an export and about conclusions from its robot's history.
 
 use std::path::Path;
 use std::time::Duration;
@@ -21,7 +21,7 @@ pub(super) fn lasting(time: Duration) -> String {
     }
 }
 
-/// What is said of an export that another program takes at the same time, when it is left to that.
+/// Text about an export that another program reads at the same time.
 pub(super) fn elsewhere(path: &Path) -> String {
     format!(
         "{}: another program takes it at the same time; it is looked at again at the end",
@@ -29,8 +29,8 @@ pub(super) fn elsewhere(path: &Path) -> String {
     )
 }
 
-/// Prints what became of an export: `known_robot` is that of a run that was stored before, `empty` what there is to say of
-/// a run without result.
+/// Prints the outcome of an export: `known_robot` is the robot of a run that was stored before, `empty` is the note
+/// about a run without result.
 pub(super) fn print(
     path: &Path,
     outcome: &Outcome,
@@ -50,7 +50,7 @@ pub(super) fn print(
     let (said, rest) = text.split_once(' ').unwrap_or((&text, ""));
     output::line(&format!("{} {rest}", output::coloured(said)));
     if let Outcome::Stored(run) = outcome {
-        // what is wrong with a channel is mostly wrong in every cycle
+        // a faulty channel mostly affects every cycle
         for (cycles, reason) in run.refusals() {
             output::line(&format!("             {cycles} without parameters: {reason}"));
         }
@@ -60,7 +60,7 @@ pub(super) fn print(
     }
 }
 
-/// Why an export gave no result; the reason itself stands above where the export was read just now.
+/// Why an export gave no result; if it was just read, the reason itself is printed above.
 fn no_result(result: &RunResult, is_read_now: bool) -> String {
     let reason = result.reason.as_deref().filter(|_| !is_read_now);
     match (result.refused, reason) {
@@ -73,12 +73,12 @@ fn no_result(result: &RunResult, is_read_now: bool) -> String {
     }
 }
 
-/// What a robot's history says with the new runs: nothing is printed where it says nothing new.
+/// Prints conclusions from a robot's history with the new runs, if there are new ones.
 pub(super) fn print_conclusions(concluded: &Concluded, as_json: bool) {
     for event in &concluded.events {
         let what = event.what.name();
         if as_json {
-            // only what calls for a look counts as an anomaly
+            // only events that need attention count as anomalies
             let outcome = if event.what.calls() { "anomaly" } else { "anomaly_event" };
             output::json(&json!({
                 "outcome": outcome, "event": what, "robot": concluded.robot,

@@ -15,7 +15,7 @@ use armwatch_ingest::infer::proposal::{Hints, Proposed};
 use armwatch_method::model::dynamics::gravity_torque;
 use armwatch_model::robot::Robot;
 
-/// Sample rates that may be given, Hz; those that a layout takes.
+/// Valid sample rates, Hz; those that a layout accepts.
 const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
 
 #[derive(Debug, Args)]
@@ -107,7 +107,7 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     Ok(code)
 }
 
-/// Tries a layout and writes it; whether questions are left or it failed.
+/// Tests a layout and writes it; returns true if questions are left or it failed.
 fn give(
     global: &Global,
     args: &InferArgs,
@@ -151,7 +151,7 @@ fn for_arm(output: &Path, arm: Option<&str>) -> PathBuf {
     output.with_file_name(format!("{}_{arm}{ending}", stem(output)))
 }
 
-/// The arm of the export, from the file named, or from that of the robot's entry.
+/// The arm of the export, from the named file, or from that of the robot's entry.
 fn description(global: &Global, args: &InferArgs) -> Result<Option<Robot>, CliError> {
     match (&args.description, &args.robot) {
         (Some(file), _) => Ok(Some(read_robot(file)?)),
@@ -178,7 +178,7 @@ fn gravity_torques(robot: &Robot, q: &[f64]) -> Option<Vec<f64>> {
     Some(torques)
 }
 
-/// Writes a file whole or not at all: beside it first, then in its place.
+/// Writes a file completely or not at all: first next to it, then in its place.
 fn write_whole(path: &Path, text: &str) -> std::io::Result<()> {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let beside = path.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
@@ -186,7 +186,7 @@ fn write_whole(path: &Path, text: &str) -> std::io::Result<()> {
         .and_then(|()| std::fs::File::open(&beside)?.sync_all())
         .and_then(|()| std::fs::rename(&beside, path));
     if written.is_err() {
-        // what failed is said; what is left beside the file is of no use
+        // the failure is reported; the partial file is of no use
         let _ = std::fs::remove_file(&beside);
     }
     written

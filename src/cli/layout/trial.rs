@@ -1,4 +1,4 @@
-//! A proposed layout, tried on the export that it was proposed for.
+//! Tests a proposed layout on the export that it was proposed for.
 
 use std::path::Path;
 
@@ -19,16 +19,16 @@ use armwatch_model::text;
 /// Most findings and remarks that are written above a layout; `armwatch explain` shows all.
 const MOST_FINDINGS: usize = 6;
 
-/// Largest position, speed and acceleration of a joint about which nothing is known: any motor's.
+/// Largest position, speed and acceleration of an unknown joint: beyond those of any motor.
 const NO_LIMIT: f64 = 1e6;
 
-/// What a trial says.
+/// Result of a test.
 pub(super) struct Trial {
     /// Sentences for the head of the layout, the most important first.
     pub(super) sentences: Vec<String>,
-    /// What makes the layout unfit for its own file.
+    /// The fault that makes the layout unfit for its own file.
     pub(super) fault: Option<String>,
-    /// The same for programs.
+    /// The same for scripts.
     pub(super) value: Value,
 }
 
@@ -42,8 +42,8 @@ impl Trial {
     }
 }
 
-/// Reads the whole export with the proposed layout, likely answers in the place of questions, and analyses it if the
-/// arm's description is known.
+/// Reads the whole export with the proposed layout, with likely answers to its questions, and analyses it if the arm's
+/// description is known.
 pub(super) fn run(path: &Path, proposed: &Proposed, description: Option<&Robot>) -> Result<Trial, CliError> {
     let Some(answered) = &proposed.answered else {
         return Ok(Trial::not_made("a question has no likely answer; answer it and run `armwatch explain`"));
@@ -56,7 +56,7 @@ pub(super) fn run(path: &Path, proposed: &Proposed, description: Option<&Robot>)
             return Ok(failed(format!("this layout does not load: {}", problems.join("; ")), proposed));
         }
     };
-    // currents may need gains that the description does not have yet; then reading is tried without it
+    // currents may need gains that the description does not have yet; reading is then tested without it
     let (misfit, robot) = match description.map(|robot| (layout.factors(robot), robot)) {
         Some((Ok(_), robot)) => (None, Some(robot)),
         Some((Err(misfit), _)) => (Some(format!("{}; {}", misfit.problem, misfit.remedy)), None),
@@ -166,7 +166,7 @@ fn of_reading(
     }
 }
 
-/// An arm with a number of joints of which nothing else is known: enough to read an export in any unit.
+/// An arm with a number of joints and no other properties: enough to read an export in any unit.
 fn unknown_arm(joints: usize) -> Result<Robot, CliError> {
     let shipped = shipped_robot()?;
     let joint =

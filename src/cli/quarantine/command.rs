@@ -24,10 +24,10 @@ use armwatch_model::run::RunStatus;
 use armwatch_model::text;
 use armwatch_store::{FaultState, QuarantineRow, Store};
 
-/// Time between two looks at what the daemon has made of an export.
+/// Time between two looks at the daemon's outcome for an export.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// A daemon that has not begun with an export so long after its next scan is busy, or watches elsewhere.
+/// If a daemon has not started an export this long after its next scan, it is busy, or watches other folders.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 #[derive(Debug, Args)]
@@ -212,13 +212,13 @@ async fn dismiss(
     Ok(EXIT_DONE)
 }
 
-/// Looks where the content of a run was seen for it.
+/// Searches the known places of a run's content.
 async fn place_of(store: &Store, run_id: i64) -> Result<ExportState, CliError> {
     let source = store.run_source(run_id).await?;
     let source = source.ok_or_else(|| CliError::Internal(format!("run {run_id} has no source")))?;
     let mut found = None;
     for path in &source.paths {
-        // of a file that could not be read, the path stands for the content
+        // for an unreadable file, the hash of the path replaces that of the content
         let by_path = of_bytes(path.as_os_str().as_encoded_bytes()) == source.content_hash;
         let place = match fingerprint(path) {
             Ok((hash, _)) if by_path || hash == source.content_hash => {
@@ -234,7 +234,7 @@ async fn place_of(store: &Store, run_id: i64) -> Result<ExportState, CliError> {
     Ok(found.unwrap_or(ExportState::Gone(first)))
 }
 
-/// The run that is meant: by number or, the newest first, by path or file name.
+/// The selected run: by number or, the newest first, by path or file name.
 fn find(faults: &[QuarantineRow], which: &str) -> Option<i64> {
     if let Ok(number) = which.parse::<i64>() {
         return faults.iter().find(|fault| fault.run_id == number).map(|fault| fault.run_id);
@@ -255,7 +255,7 @@ fn unknown(which: &str) -> CliError {
     ))
 }
 
-/// What the retries of one call share.
+/// State shared by the retries of one call.
 struct Retries<'a> {
     global: &'a Global,
     config: &'a Config,
@@ -299,7 +299,7 @@ impl Retries<'_> {
         Ok(code.max(ingest::take_all(&pipeline, &own, &stop, self.global.json).await?))
     }
 
-    /// The quarantined runs to be read again, oldest first, as their robots' histories grow.
+    /// The quarantined runs to read again, oldest first, in the order of their robots' histories.
     async fn chosen(&self, which: Option<&str>) -> Result<Vec<QuarantineRow>, CliError> {
         let mut faults = self.store.faults().await?;
         let wanted = which.map(|which| find(&faults, which).ok_or_else(|| unknown(which))).transpose()?;
@@ -313,7 +313,7 @@ impl Retries<'_> {
                 story::outcome(settled)
             )));
         }
-        // what was dismissed is read again only if it is named
+        // a dismissed fault is read again only if it is named
         let is_meant = |fault: &QuarantineRow| {
             fault.state == FaultState::Open || (wanted.is_some() && fault.state == FaultState::Dismissed)
         };
@@ -333,7 +333,7 @@ impl Retries<'_> {
         }
     }
 
-    /// Asks the running daemon and waits for what becomes of the exports.
+    /// Asks the running daemon and waits for the outcomes of the exports.
     async fn ask(&self, asked: &[(i64, PathBuf)], stop: &CancellationToken) -> Result<u8, CliError> {
         for (run_id, _) in asked {
             self.store.ask_retry(*run_id).await?;
@@ -376,7 +376,7 @@ impl Retries<'_> {
                     self.say(path, run_id, "stored", &cycles);
                     return Ok(EXIT_DONE);
                 }
-                // another export has its content or its place
+                // another export has its content, or has superseded it
                 _ => {
                     self.say(path, run_id, "known", "another run has taken its place");
                     return Ok(EXIT_DONE);
@@ -399,7 +399,7 @@ impl Retries<'_> {
     }
 }
 
-/// Whether a file lies in one of the folders, whatever they are called.
+/// Returns true if a file is in one of the folders, by any of their names.
 fn is_below(path: &Path, folders: &[PathBuf]) -> bool {
     let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let path = real(path);

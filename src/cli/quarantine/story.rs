@@ -1,4 +1,4 @@
-//! What is told of a quarantined export, in words and as JSON.
+//! Report on a quarantined export, in words and as JSON.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -11,29 +11,29 @@ use armwatch_ingest::excerpt::{Excerpt, excerpt};
 use armwatch_model::text;
 use armwatch_store::{Dismissal, FaultState, QuarantineRow};
 
-/// Where the bytes of a quarantined run lie now.
+/// Present state of a quarantined run's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::cli) enum ExportState {
-    /// There.
+    /// The file is unchanged at this path.
     At(PathBuf),
-    /// There is a file, but with another content.
+    /// The file has another content now.
     Changed(PathBuf),
-    /// There is a file that still cannot be read.
+    /// The file is still unreadable.
     Unreadable(PathBuf, String),
-    /// No file is left; it was there.
+    /// The file no longer exists at this path.
     Gone(PathBuf),
 }
 
 /// Lines shown before and after the faulty one.
 const LINES_AROUND: u64 = 2;
 
-/// Characters of a line that are shown: what fits beside a line number on a usual terminal.
+/// Characters of a line that are shown: the width next to a line number on a usual terminal.
 const SHOWN_CHARACTERS: usize = 88;
 
-/// Shown before the cell where the line is cut.
+/// Characters shown before the cell if the line is cut.
 const LEAD_CHARACTERS: usize = 40;
 
-/// All that is known of a quarantined export.
+/// All data of a quarantined export.
 pub struct FaultReport<'a> {
     latest: &'a QuarantineRow,
     earlier: &'a [QuarantineRow],
@@ -42,12 +42,12 @@ pub struct FaultReport<'a> {
 }
 
 impl<'a> FaultReport<'a> {
-    /// The story of the faults of one run, the latest first; `None` without any.
-    /// Most decompressed bytes of the file that are looked at are `most`.
+    /// The report on the faults of one run, the latest first; `None` if there are none. At most `most` decompressed
+    /// bytes of the file are read.
     pub fn new(faults: &'a [QuarantineRow], place: &'a ExportState, most: u64) -> Option<Self> {
         let (latest, earlier) = faults.split_first()?;
         let excerpt = match (place, latest.line) {
-            // of bytes that are others now, the lines would say nothing
+            // lines of a changed file would be meaningless
             (ExportState::At(path), Some(line)) => {
                 excerpt(path, line, latest.column.as_deref(), LINES_AROUND, most).ok().flatten()
             }
@@ -148,7 +148,7 @@ pub fn one_line(fault: &QuarantineRow) -> String {
     format!("{place}{separator}{value}{}", fault.problem)
 }
 
-/// What became of a fault.
+/// State of a fault in words.
 pub fn outcome(fault: &QuarantineRow) -> String {
     match fault.state {
         FaultState::Open | FaultState::Earlier => "quarantined".to_owned(),
@@ -165,7 +165,7 @@ pub fn outcome(fault: &QuarantineRow) -> String {
     }
 }
 
-/// What another try would do.
+/// Expected result of another attempt.
 pub fn what_retry_does(fault: &QuarantineRow, place: &ExportState) -> String {
     if !matches!(fault.state, FaultState::Open | FaultState::Dismissed | FaultState::Earlier) {
         return format!("nothing to do: {}", outcome(fault));
@@ -213,13 +213,13 @@ fn drawn(excerpt: &Excerpt) -> String {
     out.trim_end_matches('\n').to_owned()
 }
 
-/// First character shown so that the cell is in sight.
+/// Index of the first character shown, chosen so that the cell is visible.
 fn window_start(cell_end: usize, cell_start: usize) -> usize {
     if cell_end <= SHOWN_CHARACTERS { 0 } else { cell_start.saturating_sub(LEAD_CHARACTERS) }
 }
 
-/// Part of a line, with dots where it is cut; a control character is shown as a sign, so that the mark stays
-/// below its cell and no terminal is led astray.
+/// Part of a line, with dots at a cut; a control character is shown as a sign, so that the mark stays below its cell
+/// and the terminal does not interpret it.
 fn window(line: &str, from: usize) -> String {
     let dots = |cut: bool| if cut { ".." } else { "" };
     let shown: String = line

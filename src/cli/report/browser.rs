@@ -1,4 +1,4 @@
-//! A page as a PDF file, printed by a Chromium of this machine.
+//! Converts a page to a PDF file with a Chromium of this machine.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use tokio::process::Command;
 use crate::cli::context::CliError;
 use crate::cli::shared::result_file;
 
-/// Names of programs that print pages, the first that is found is taken.
+/// Names of programs that print pages; the first that is found is used.
 const NAMES: [&str; 8] = [
     "chromium",
     "chromium-browser",
@@ -25,10 +25,10 @@ const NAMES: [&str; 8] = [
 /// A page of a year of tests is printed in a few seconds; a browser that takes longer hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Prints a page into a PDF file and says so.
+/// Prints a page to a PDF file and reports it.
 ///
 /// # Errors
-/// [`CliError::Io`] where there is no browser, or it does not print.
+/// [`CliError::Io`] if there is no browser, or it fails.
 pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Result<(), CliError> {
     let browser = find(browser, std::env::var_os("PATH").as_deref())?;
     let failed = |what: &str| {
@@ -44,7 +44,7 @@ pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Re
     written.map_err(|error| failed(&error.to_string()))?;
     let printed = folder.path().join("report.pdf");
     let mut said = String::new();
-    // its sandbox needs what containers and the user root do not have; the page is this program's own and has no script
+    // its sandbox does not work in containers or as root; the page comes from this program and has no script
     for sandbox in [None, Some("--no-sandbox")] {
         let mut command = Command::new(&browser);
         command.args(["--headless", "--disable-gpu", "--no-first-run", "--no-pdf-header-footer"]);
@@ -55,7 +55,7 @@ pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Re
         let done = done.map_err(|_| failed(&format!("it is not done after {} s", PATIENCE.as_secs())))?;
         let done = done.map_err(|error| failed(&error.to_string()))?;
         if std::fs::metadata(&printed).is_ok_and(|file| file.len() > 0) {
-            // another file system cannot be renamed onto
+            // a rename to another file system is impossible
             return result_file::copy(&printed, path);
         }
         said = String::from_utf8_lossy(&done.stderr).lines().last().unwrap_or("no word").trim().to_owned();

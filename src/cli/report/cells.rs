@@ -7,10 +7,10 @@ use crate::cli::shared::rows::as_cli_error;
 use crate::report::page::{PageBlock, PageTable, TableCell};
 use armwatch_store::{Store, ViewRows};
 
-/// Most rows of a view that are asked for; a run of a day has fewer.
+/// Most rows that are read from a view; a run of a day has fewer.
 const MOST_ROWS: usize = 1_000_000;
 
-/// Digits of a figure.
+/// Significant digits of a value.
 const DIGITS: f64 = 4.0;
 
 /// Rows of a view with these values in these columns, in the order of a column.
@@ -29,17 +29,17 @@ pub(super) async fn rows(
     Ok(table.objects().collect())
 }
 
-/// A text of a row, empty where there is none.
+/// A text of a row; empty if there is none.
 pub(super) fn text<'a>(row: &'a Value, column: &str) -> &'a str {
     row[column].as_str().unwrap_or_default()
 }
 
-/// A whole number of a row, 0 where there is none.
+/// A whole number of a row; 0 if there is none.
 pub(super) fn count(row: &Value, column: &str) -> i64 {
     row[column].as_i64().unwrap_or_default()
 }
 
-/// A figure with four significant digits, `-` where it is not known.
+/// A value with four significant digits; `-` if unknown.
 pub(super) fn figure(value: Option<f64>) -> String {
     let Some(value) = value.filter(|value| value.is_finite()) else { return "-".into() };
     if value == 0.0 {
@@ -63,18 +63,18 @@ pub(super) fn percent(fraction: Option<f64>) -> String {
 /// A change in per cent, with its sign.
 pub(super) fn change(fraction: Option<f64>) -> String {
     match fraction.filter(|fraction| fraction.is_finite()) {
-        // rounded first, and with 0.0 added: what is nothing has no minus
+        // rounded first, and 0.0 added, so that zero has no minus sign
         Some(fraction) => format!("{:+.1} %", (1000.0 * fraction).round() / 10.0 + 0.0),
         None => "-".into(),
     }
 }
 
-/// The cell of a figure.
+/// The cell of a number.
 pub(super) fn number(value: Option<f64>) -> TableCell {
     TableCell::Number(figure(value))
 }
 
-/// The cell of words.
+/// The cell of a text.
 pub(super) fn words(text: impl Into<String>) -> TableCell {
     TableCell::Words(text.into())
 }
@@ -92,7 +92,7 @@ pub(super) fn minute(stored: &str) -> String {
     }
 }
 
-/// A table, or a sentence where it would have no rows.
+/// A table, or a sentence if it would have no rows.
 pub(super) fn table(caption: &str, header: &[&str], rows: Vec<Vec<TableCell>>, nothing: &str) -> PageBlock {
     if rows.is_empty() {
         return PageBlock::Note(nothing.to_owned());

@@ -51,7 +51,7 @@ fn language(code: &str) -> Result<Language, String> {
     found.ok_or_else(|| "write en, it, de or zh".into())
 }
 
-/// The file of a report, whose ending says what it is written as.
+/// The file of a report, whose ending determines the format.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct ReportFile {
     path: PathBuf,
@@ -59,7 +59,7 @@ struct ReportFile {
 }
 
 impl ReportFile {
-    /// Of a file name that ends in `.html` or `.pdf`; what lies there must be none, or an earlier result.
+    /// Parses a file name that ends in `.html` or `.pdf`. Only an earlier result may exist there.
     fn parse(text: &str) -> Result<Self, String> {
         let path = PathBuf::from(text);
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
@@ -91,7 +91,7 @@ async fn write(html: &str, file: &ReportFile, browser: Option<&Path>) -> Result<
     }
 }
 
-/// The page of what `subject` names.
+/// The page about `subject`.
 async fn page(store: &Store, config: &Config, subject: &str, now: Timestamp) -> Result<Page, CliError> {
     let runs = store.runs().await?;
     if runs.iter().any(|run| run.robot == subject) {
@@ -117,7 +117,7 @@ fn no_run(run_id: i64, runs: &[RunRow]) -> String {
     }
 }
 
-/// Names that are proposed in place of one that is not there.
+/// Most names that are proposed instead of an unknown one.
 const PROPOSED: usize = 3;
 
 fn no_robot(name: &str, runs: &[RunRow]) -> String {

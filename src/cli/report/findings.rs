@@ -1,4 +1,4 @@
-//! What one should read first: joints, alarms, and what is not known.
+//! The most important findings of a page: joints, alarms, and missing results.
 
 use std::collections::BTreeSet;
 
@@ -16,12 +16,12 @@ use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{AnomalyRow, FleetHealthRow, HealthStatus, SeriesRun};
 
-/// Whether somebody still has to look at an anomaly.
+/// Returns true if an anomaly still needs attention.
 pub(super) fn is_unsettled(row: &AnomalyRow) -> bool {
     !row.state.is_closed()
 }
 
-/// The joints of a robot as the fleet's health has them; a reason that several of them have stands before them, once.
+/// Findings for the joints of a robot from the fleet's health; a reason shared by several joints comes first, once.
 pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<PageFinding> {
     let mut findings = Vec::new();
     let mut told: BTreeSet<JointIndex> = BTreeSet::new();
@@ -41,7 +41,7 @@ pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<PageFinding> {
     findings
 }
 
-/// A joint as the fleet's health has it; where its reason is told already, only what was known of it before.
+/// The finding for a joint from the fleet's health; if its reason is already reported, only the earlier result.
 fn of_health(row: &FleetHealthRow, is_told: bool) -> PageFinding {
     let mut words = Vec::new();
     if let Some(index) = row.friction_index {
@@ -68,7 +68,7 @@ fn of_health(row: &FleetHealthRow, is_told: bool) -> PageFinding {
     PageFinding { standing: standing(row.status), title: format!("Joint {}", row.joint), words }
 }
 
-/// Findings in the order in which one should look at them; those alike stay as they are.
+/// Findings in the order of urgency; equal ones keep their order.
 pub(super) fn worst_first(mut findings: Vec<PageFinding>) -> Vec<PageFinding> {
     findings.sort_by_key(|of| match of.standing.level {
         FigureLevel::Critical => 0,
@@ -79,7 +79,7 @@ pub(super) fn worst_first(mut findings: Vec<PageFinding>) -> Vec<PageFinding> {
     findings
 }
 
-/// A joint as one run shows it, without a conclusion of the present.
+/// The finding for a joint from one run, without a conclusion about the present.
 pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> PageFinding {
     let of_joint: Vec<&&AnomalyRow> = alarms.iter().filter(|row| row.joint == Some(run.joint)).collect();
     let mut words = Vec::new();
@@ -113,7 +113,7 @@ pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> PageFinding {
     PageFinding { standing, title: format!("Joint {}", run.joint), words }
 }
 
-/// An anomaly with its figures.
+/// The finding for an anomaly with its values.
 pub(super) fn of_anomaly(row: &AnomalyRow) -> PageFinding {
     let mut words = vec![sentence(&row.message)];
     let figures = figures(row).map(|figures| format!(" {figures}.")).unwrap_or_default();
@@ -132,7 +132,7 @@ pub(super) fn of_anomaly(row: &AnomalyRow) -> PageFinding {
     PageFinding { standing: of_severity(row.severity), title, words }
 }
 
-/// The figures of an anomaly that has a value; one of a channel or a whole recording has none.
+/// The values of an anomaly that has one; an anomaly of a channel or a whole recording has none.
 fn figures(row: &AnomalyRow) -> Option<String> {
     let known = |value: Option<f64>| value.filter(|value| value.is_finite());
     let value = known(row.value)?;
@@ -147,7 +147,7 @@ fn figures(row: &AnomalyRow) -> Option<String> {
     Some(parts.join("; "))
 }
 
-/// Alarms that somebody has to look at, the worst first, or a sentence that there are none.
+/// Alarms that need attention, the worst first, or a sentence that there are none.
 pub(super) fn open_alarms(rows: &[&AnomalyRow], nothing: &str) -> PageBlock {
     let mut rows = rows.to_vec();
     rows.sort_by_key(|row| (std::cmp::Reverse(row.severity), row.anomaly_id));
@@ -166,7 +166,7 @@ fn of_severity(severity: Severity) -> StatusWord {
     StatusWord::new(severity.name(), level)
 }
 
-/// When friction reaches its limits, where a trend can be told.
+/// The time when friction reaches its limits, if there is a trend.
 fn forecast(of: &Forecast) -> Option<String> {
     let trend = match of.trend {
         Trend::Rising => "rising",
@@ -185,7 +185,7 @@ fn forecast(of: &Forecast) -> Option<String> {
         .then(|| format!("At this rate of use friction, {trend}, is expected to be {}.", ahead.join(", ")))
 }
 
-/// A message as a sentence of its own.
+/// A message as a separate sentence.
 pub(super) fn sentence(message: &str) -> String {
     let message = message.trim();
     let end = if message.ends_with(['.', '!', '?']) { "" } else { "." };
@@ -197,7 +197,7 @@ fn capital(text: &str) -> String {
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// The line below a title: when the page was made, and by what.
+/// The line below a title: time of the page, and its program.
 pub(super) fn made(now: Timestamp) -> String {
     format!("armwatch {}, {}; times are UTC", env!("CARGO_PKG_VERSION"), words::minute(now))
 }
@@ -265,7 +265,7 @@ mod tests {
             ("Joint 2", &["Known last: friction index 2.".to_owned()]),
         ];
         assert_eq!(shown, expected);
-        // alone it stands with its joint
+        // a single reason is reported with its joint
         let alone = of_joints(&rows[..1]);
         assert_eq!(alone.len(), 1);
         assert_eq!(

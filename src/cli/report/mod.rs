@@ -1,4 +1,4 @@
-//! `armwatch report`: a run or a robot on one page, from what is stored.
+//! `armwatch report`: a run or a robot on one page, from stored data.
 
 mod browser;
 mod cells;

@@ -25,13 +25,13 @@ use armwatch_store::{
     ThermalSourceRow,
 };
 
-/// Tests that are listed; pictures show all.
+/// Tests in the table; pictures show all.
 const TESTS_LISTED: usize = 20;
 
-/// Times the usual spread between tests beyond which a change of a parameter is marked.
+/// Multiple of the usual spread between tests beyond which a change of a parameter is marked.
 const MARKED_SPREADS: f64 = 4.0;
 
-/// What is stored of a robot.
+/// Stored data of a robot.
 struct RobotData<'a> {
     robot: &'a str,
     runs: Vec<&'a RunRow>,
@@ -50,7 +50,7 @@ struct RobotData<'a> {
     fault: Option<ConclusionFault>,
 }
 
-/// Another arm of the same model with its latest figures by joint.
+/// Another arm of the same model with its latest values by joint.
 struct Twin {
     robot: String,
     joints: BTreeMap<JointIndex, SeriesRun>,
@@ -122,7 +122,7 @@ impl<'a> RobotData<'a> {
         tests.filter(|run| run.status == RunStatus::Complete && run.kind == RunKind::Test).collect()
     }
 
-    /// Runs of the baseline of each joint that is in force: of its latest epoch.
+    /// Runs of each joint's baseline in force, that of its latest epoch.
     fn in_force(&self) -> BTreeMap<i64, Vec<i64>> {
         let mut of_joint: BTreeMap<i64, (i64, Vec<i64>)> = BTreeMap::new();
         for row in &self.baselines {
@@ -150,7 +150,7 @@ async fn models(store: &Store, robot: &str) -> Result<(String, Vec<String>), Cli
     Ok(if model.is_empty() { (model, Vec::new()) } else { (model, others) })
 }
 
-/// The latest figures of each joint.
+/// The latest values of each joint.
 fn latest(evidence: &[SeriesRun]) -> BTreeMap<JointIndex, SeriesRun> {
     let mut joints: BTreeMap<JointIndex, SeriesRun> = BTreeMap::new();
     for of in evidence {
@@ -296,7 +296,7 @@ fn history(of: &RobotData<'_>, config: &Config) -> PageSection {
     PageSection { heading: "History".into(), blocks }
 }
 
-/// The latest tests, the newest first.
+/// Table of the latest tests, the newest first.
 fn tests_table(of: &RobotData<'_>) -> PageBlock {
     let joints: BTreeSet<JointIndex> = of.evidence.iter().map(|run| run.joint).collect();
     let tests = of.tests();
@@ -339,7 +339,7 @@ fn tests_table(of: &RobotData<'_>) -> PageBlock {
     )
 }
 
-/// The statistics of a parameter in a run: after warm-up where the run has cycles enough.
+/// The statistics of a parameter in a run: after warm-up if the run has enough cycles.
 fn statistic<'s>(statistics: &'s [Value], joint: i64, parameter: &str) -> Option<&'s Value> {
     let of_window = |window: &str| {
         statistics.iter().find(|row| {

@@ -24,7 +24,7 @@ use armwatch_model::robot::JointIndex;
 use armwatch_model::run::{RunKind, RunStatus, Stage};
 use armwatch_store::{AlarmState, AnomalyRow, RunRow, Store};
 
-/// What is stored of a run.
+/// Stored data of a run.
 struct RunData {
     run: Value,
     cycles: Vec<Value>,
@@ -56,7 +56,7 @@ impl RunData {
     }
 }
 
-/// The last cycle with parameters, 0 without any: there the arm is warmest.
+/// The last cycle with parameters, 0 if there is none: the arm is warmest there.
 fn last_cycle(cycles: &[Value]) -> i64 {
     let usable = cycles.iter().filter(|row| text(row, "status") == "complete");
     usable.map(|row| count(row, "cycle")).max().unwrap_or_default()
@@ -100,7 +100,7 @@ pub(super) async fn page(
     })
 }
 
-/// Whether this is the robot's latest complete test, of which its health speaks.
+/// Returns true if this is the robot's latest complete test, which its health describes.
 fn is_latest(run: &RunRow, runs: &[RunRow]) -> bool {
     let tests = runs.iter().filter(|of| of.robot == run.robot);
     let complete = tests.filter(|of| of.status == RunStatus::Complete && of.kind == RunKind::Test);
@@ -217,7 +217,7 @@ fn recorded(stored: &RunData) -> PageSection {
 }
 
 fn parameters(stored: &RunData) -> PageSection {
-    // after warm-up where there are cycles enough
+    // after warm-up if there are enough cycles
     let window =
         if stored.statistics.iter().any(|row| text(row, "window") == "after_5") { "after_5" } else { "all" };
     let mean = |of: &Value| {

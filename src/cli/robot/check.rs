@@ -17,8 +17,8 @@ use armwatch_method::model::robot_check::{ReferenceAgreement, ReferenceRow, Robo
 use armwatch_model::robot::{FourierExcitation, LoadFriction, Robot};
 use armwatch_trajectory::series::state_at;
 
-/// Largest relative difference from reference data that agrees: reference tables carry twelve
-/// digits, and summing them over a chain loses two or three.
+/// Largest accepted relative difference from reference data: reference tables have twelve digits, and summing them over
+/// a chain loses two or three.
 const REFERENCE_TOLERANCE: f64 = 1e-9;
 
 /// Largest relative difference between two exact formulas for one number.
@@ -79,7 +79,7 @@ pub(in crate::cli) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8
     Ok(if agrees { EXIT_DONE } else { EXIT_FOUND })
 }
 
-/// Instants of one period of an excitation that are looked at.
+/// Number of instants in one period of an excitation that are checked.
 const EXCITATION_STATES: usize = 1000;
 
 fn excitation_states(excitation: &FourierExcitation) -> Vec<JointState> {
@@ -92,8 +92,8 @@ fn excitation_states(excitation: &FourierExcitation) -> Vec<JointState> {
     (0..EXCITATION_STATES).map(state).collect()
 }
 
-/// Whether the described excitation shows friction under load, a line per joint whose friction depends on it, or one line
-/// that says where it would be shown.
+/// Reports if the described excitation identifies friction under load: one line per joint whose friction depends on it,
+/// or one line about a suitable motion.
 fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<String> {
     let Some(shown) = shown else {
         return match robot.has_load_friction() {
@@ -127,14 +127,14 @@ fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<S
     shown.iter().filter(is_asked).map(line).collect()
 }
 
-/// Whether the reference agrees; a description without nominal inertia says nothing of torque.
+/// Returns true if the reference agrees; a description without nominal inertia makes no statement about torque.
 fn within(found: &ReferenceAgreement) -> bool {
     [found.torque.unwrap_or(0.0), found.position, found.rotation]
         .iter()
         .all(|worst| *worst <= REFERENCE_TOLERANCE)
 }
 
-/// Which formulas disagree on this arm, and what to do about it.
+/// Formulas that disagree for this arm, and the remedy.
 fn inconsistency(checked: &RobotCheck) -> Option<String> {
     let found = &checked.identities;
     if found.grouping > EXACT_TOLERANCE {

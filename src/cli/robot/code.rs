@@ -81,7 +81,7 @@ pub(in crate::cli) struct RobotCodeArgs {
     force: bool,
 }
 
-/// A language as it is typed.
+/// A language as an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct LanguageArg(Language);
 
@@ -99,13 +99,13 @@ impl ValueEnum for LanguageArg {
     }
 }
 
-/// Parameters of an arm with where they come from.
+/// Parameters of an arm with their origin.
 struct CodeModel {
     robot: Arc<Robot>,
     parameters: Vec<CodeParameter>,
     origin: CodeOrigin,
     sources: Vec<SourceCycle>,
-    /// Factor of each joint's friction, where it was scaled.
+    /// Factor of each joint's friction, if it was scaled.
     friction_factors: Option<Vec<f64>>,
 }
 
@@ -214,7 +214,7 @@ fn program() -> String {
     format!("armwatch {}", env!("CARGO_PKG_VERSION"))
 }
 
-/// The values of a set with their errors and what they stand for.
+/// The values of a set with their errors and the sums that they represent.
 fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<CodeParameter>, CliError> {
     let base = base_parameters(robot).map_err(|error| CliError::from(StoredError::Numerics(error)))?;
     let stands_for = |id: ParameterId| {
@@ -266,7 +266,7 @@ pub(super) fn factors_at(robot: &Robot, warmth: &WarmUpCurves, minute: f64) -> R
     robot.joint_indices().map(of_joint).collect()
 }
 
-/// What warmth the friction stands for.
+/// Text on the temperature for which the friction holds.
 pub(super) fn warmth_lines(
     robot: &Robot,
     warmth: &WarmUpCurves,
@@ -310,8 +310,8 @@ pub(super) fn warmth_lines(
     ]
 }
 
-/// The model of a description's nominal parameters. Its friction is the polynomial that they are given as, whichever
-/// columns the arm is identified with; a joint without friction in the measured torque has none.
+/// The model of a description's nominal parameters. Its friction is the given polynomial, regardless of the columns
+/// that identify the arm; a joint without friction in the measured torque has none.
 fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
     let mut robot = Robot::clone(&robot);
     let missing: Vec<String> = robot
@@ -361,7 +361,7 @@ fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
     Ok(CodeModel { robot, parameters, origin, sources: Vec::new(), friction_factors: None })
 }
 
-/// Writes all files, or none if one of them would replace a file that is not of this command.
+/// Writes all files, or none if one of them would replace a file from another origin.
 fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliError> {
     for file in files.iter().filter(|_| !force) {
         let path = folder.join(&file.name);
@@ -386,8 +386,8 @@ fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliErro
     Ok(())
 }
 
-/// Whether a file was written by this command: sources say so in their first lines, the test vectors have the header of
-/// such a table.
+/// Returns true if a file was written by this command: sources contain a mark in their first lines, the test vectors
+/// have the header of such a table.
 fn is_generated(known: &[u8], file: &SourceFile) -> bool {
     const FIRST_LINES: usize = 3;
     let text = String::from_utf8_lossy(known);

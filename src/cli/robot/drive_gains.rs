@@ -1,4 +1,4 @@
-//! `armwatch robot drive-gains`: how wrong the gains between current and torque are.
+//! `armwatch robot drive-gains`: the errors of the gains between current and torque.
 
 use clap::Args;
 use serde_json::json;
@@ -111,7 +111,7 @@ async fn entry_of<'c>(
         .ok_or_else(|| CliError::Usage(format!("the configuration has no [[robot]] for {robot}")))
 }
 
-/// Whether several motors make a joint's torque, so that one factor is a blend of their gains.
+/// Returns true if several motors contribute to a joint's torque, so that one factor mixes their gains.
 fn is_blend(entry: &FleetEntry, gain: &JointGain) -> bool {
     let motors = entry.description.transmission.column(gain.joint.index());
     entry.layout.motor_side.torque && motors.iter().filter(|ratio| **ratio != 0.0).count() > 1

@@ -1,4 +1,4 @@
-//! Which description and recordings stand behind a model, in words.
+//! Description and recordings behind a model, in words.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ pub(super) fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robo
     })
 }
 
-/// Start of the recording of each run that cycles come from.
+/// Start of the recording of each run with chosen cycles.
 pub(super) async fn recorded(
     store: &Store,
     sources: &[SourceCycle],
@@ -32,7 +32,7 @@ pub(super) async fn recorded(
     Ok(runs.iter().filter(|run| used(run.run_id)).map(|run| (run.run_id, run.started_at)).collect())
 }
 
-/// Robot, run, time of recording and cycles: a line a run.
+/// Robot, run, time of recording and cycles: one line per run.
 pub(super) fn source_lines(sources: &[SourceCycle], recorded: &BTreeMap<i64, Timestamp>) -> Vec<String> {
     let mut by_run: BTreeMap<i64, (&str, Vec<u32>)> = BTreeMap::new();
     for source in sources {

@@ -61,7 +61,7 @@ pub(super) struct BodyCycles {
     description: Option<PathBuf>,
 }
 
-/// What is told of the fit.
+/// Data of the fit for the report.
 pub(super) struct Fitted {
     pub(super) robot: Arc<Robot>,
     pub(super) sources: Vec<SourceCycle>,
@@ -114,7 +114,7 @@ impl BodyCycles {
 }
 
 impl Fitted {
-    /// Whether there is a result; says so if there is none.
+    /// Returns true if there is a result; reports it otherwise.
     pub(super) fn is_settled(&self) -> bool {
         if !self.fit.estimate.settled {
             output::print_error(&format!(
@@ -141,7 +141,7 @@ async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliE
     Ok(set.sources.into_iter().map(chosen).collect())
 }
 
-/// Where the numbers come from, for the head of the file.
+/// Origin of the numbers, for the head of the file.
 pub(super) fn comments(fitted: &Fitted) -> Vec<String> {
     let mut comments = vec![format!(
         "physically consistent parameters identified by armwatch {} with the description {}",
@@ -153,7 +153,7 @@ pub(super) fn comments(fitted: &Fitted) -> Vec<String> {
     comments
 }
 
-/// Names of the numbers that data do not decide, link by link, or of those that they do where these are fewer.
+/// Names of the numbers that the data do not determine, link by link, or of those that they do if these are fewer.
 fn undecided(fit: &PhysicalFit) -> Vec<String> {
     let numbers = || {
         let bodies = fit.estimate.bodies.iter().flat_map(|body| body.values);
@@ -170,7 +170,7 @@ fn undecided(fit: &PhysicalFit) -> Vec<String> {
     }
 }
 
-/// The numbers that `of` chooses, link by link.
+/// The numbers that `of` selects, link by link.
 fn named(fit: &PhysicalFit, of: impl Fn(&Estimated) -> bool) -> Vec<String> {
     let of_link = |(j, body): (usize, &BodyEstimate)| {
         let names = BodyEstimate::NAMES.iter().zip(body.values);

@@ -1,4 +1,4 @@
-//! What a cycle of a test is made of, as it is typed.
+//! Arguments for the parts of a test cycle.
 
 use std::path::{Path, PathBuf};
 
@@ -65,7 +65,7 @@ enum FrictionPostureArg {
 }
 
 impl CycleArgs {
-    /// What the excitation stage is made of.
+    /// Parts of the excitation stage.
     pub(in crate::cli) fn excitation(&self, robot: &Robot) -> Result<ExcitationParts, CliError> {
         let points = match (self.has(CyclePart::Points), &self.points) {
             (true, Some(path)) => Some(Points::Given(points(path, robot)?)),
@@ -85,12 +85,12 @@ impl CycleArgs {
         })
     }
 
-    /// The chosen levels, none where the cycle has no friction stage.
+    /// The chosen levels; empty if the cycle has no friction stage.
     pub(in crate::cli) fn levels(&self, chosen: Option<Vec<u8>>) -> Option<Vec<u8>> {
         if self.has(CyclePart::Friction) { chosen } else { Some(Vec::new()) }
     }
 
-    /// Duration of warming, s: 0 where the cycle has none.
+    /// Duration of warming, s; 0 if the cycle has none.
     pub(in crate::cli) fn warming_s(&self, chosen: f64) -> f64 {
         if self.has(CyclePart::Warming) { chosen } else { 0.0 }
     }

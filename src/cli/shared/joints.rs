@@ -1,20 +1,20 @@
-//! Joints of a robot in words, and what is said of several of them, once.
+//! Joints of a robot in words, with reasons that several of them share.
 
 use armwatch_model::robot::JointIndex;
 
-/// How a reason goes on with what earlier tests say of the joint; `armwatch_method::detect` writes it last.
+/// Starts of the part of a reason about earlier tests; `armwatch_method::detect` writes it last.
 const EARLIER: [&str; 3] = ["; known last: ", "; the latest result is of ", "; no test gave a result yet"];
 
-/// Why joints stand where they do.
+/// A reason for the status of joints.
 #[derive(Debug, PartialEq, Eq)]
 pub(in crate::cli) struct Reason<'a> {
-    /// Those that it holds for, in their order.
+    /// Its joints, in order.
     pub(in crate::cli) joints: Vec<JointIndex>,
-    /// The reason; without what is known of each from earlier tests, where that differs.
+    /// The reason; without the part about earlier tests, if that differs between joints.
     pub(in crate::cli) why: &'a str,
 }
 
-/// `joint 3`, `joints 1 to 3 and 6`, or `all joints` of a robot that has `count`; `joints` are in order.
+/// `joint 3`, `joints 1 to 3 and 6`, or `all joints` if the robot has `count`; `joints` are in order.
 pub(in crate::cli) fn named(joints: &[JointIndex], count: usize) -> String {
     match joints {
         [joint] => format!("joint {joint}"),
@@ -32,7 +32,7 @@ pub(in crate::cli) fn named(joints: &[JointIndex], count: usize) -> String {
     }
 }
 
-/// Joints beside each other: two by their numbers, more from the first to the last.
+/// Consecutive joints: two by their numbers, more as a range.
 fn span(joints: &[JointIndex]) -> Vec<String> {
     match joints {
         [first, _, .., last] => vec![format!("{first} to {last}")],
@@ -40,7 +40,7 @@ fn span(joints: &[JointIndex]) -> Vec<String> {
     }
 }
 
-/// A reason without what it says of earlier tests, and that.
+/// Splits a reason into its main part and the part about earlier tests.
 pub(in crate::cli) fn apart(reason: &str) -> (&str, Option<&str>) {
     match EARLIER.iter().filter_map(|begin| reason.rfind(*begin)).max() {
         Some(place) => {
@@ -51,7 +51,7 @@ pub(in crate::cli) fn apart(reason: &str) -> (&str, Option<&str>) {
     }
 }
 
-/// Each reason once, with the joints that it holds for, in the order of the first of them.
+/// Each reason once, with its joints, in the order of the first of them.
 pub(in crate::cli) fn reasons<'a>(said: impl IntoIterator<Item = (JointIndex, &'a str)>) -> Vec<Reason<'a>> {
     let mut found: Vec<Reason<'a>> = Vec::new();
     for (joint, reason) in said {
@@ -105,7 +105,7 @@ mod tests {
             reasons(said),
             [Reason { joints: joints(&[1, 3]), why: refused }, Reason { joints: joints(&[2]), why: odd }]
         );
-        // alone, and where it is the same of all, it stays whole
+        // a single reason, or a common part about earlier tests, is unchanged
         assert_eq!(reasons(said[..1].iter().copied())[0].why, known[0]);
         let never = format!("{refused}; no test gave a result yet");
         let all = reasons([1, 2, 3].map(|number| (of(number), never.as_str())));

@@ -1,4 +1,4 @@
-//! What a person enters is judged at once, or by the daemon.
+//! Conclusions after a person's entry: drawn at once, or by the daemon.
 
 use crate::cli::context::{CliError, shared};
 use crate::pipeline::conclude::isolation::Conclusion;
@@ -6,13 +6,13 @@ use crate::pipeline::context::Pipeline;
 use armwatch_config::Config;
 use armwatch_store::Store;
 
-/// Whether the history was judged with what has changed.
+/// Time of the conclusions with the change.
 pub(in crate::cli) enum ConclusionTiming {
-    /// It was.
+    /// They are drawn.
     Now,
-    /// A daemon does it within a minute.
+    /// A daemon draws them within a minute.
     ByDaemon,
-    /// It could not be, for this reason.
+    /// They failed, for this reason.
     Failed(String),
 }
 
@@ -30,7 +30,7 @@ impl ConclusionTiming {
     }
 }
 
-/// Judges the robot's history again, unless a daemon works on the database, which does it.
+/// Draws conclusions from the robot's history again, unless a daemon works on the database, which draws them.
 pub(in crate::cli) async fn judge(
     config: Config,
     store: &Store,

@@ -1,4 +1,4 @@
-//! Speed levels of the friction stage, as they are typed.
+//! Speed levels of the friction stage as arguments.
 
 use std::str::FromStr;
 

@@ -1,4 +1,4 @@
-//! The life of a robot as pictures mark it: where its joints stand, alarms, work that was done on it.
+//! The history of a robot for marks in pictures: status of joints, alarms, maintenance.
 
 use jiff::Timestamp;
 
@@ -10,21 +10,21 @@ use armwatch_model::anomaly::Severity;
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{AlarmState, AnomalyRow, FleetHealthRow, HealthStatus, IndexRow, MaintenanceRow, Store};
 
-/// What is known of the life of a robot.
+/// The history of a robot.
 #[derive(Debug, Default)]
 pub(in crate::cli) struct RobotLife {
     /// Its joints.
     pub(in crate::cli) health: Vec<FleetHealthRow>,
     /// Its anomalies, the oldest first.
     pub(in crate::cli) anomalies: Vec<AnomalyRow>,
-    /// Work that was done on it, in order of time.
+    /// Maintenance in chronological order.
     pub(in crate::cli) work: Vec<MaintenanceRow>,
     /// Start of its latest run.
     last_run: Option<Timestamp>,
 }
 
 impl RobotLife {
-    /// Of the robot with this name.
+    /// Reads the history of the robot with this name.
     pub(in crate::cli) async fn read(store: &Store, robot: &str) -> Result<Self, CliError> {
         let mut health = store.fleet_health().await?;
         health.retain(|row| row.robot == robot);
@@ -36,12 +36,12 @@ impl RobotLife {
         Ok(Self { health, anomalies, work, last_run })
     }
 
-    /// Where a joint stands.
+    /// Status of a joint.
     pub(in crate::cli) fn standing(&self, joint: JointIndex) -> Option<StatusWord> {
         self.health.iter().find(|row| row.joint == joint).map(|row| standing(row.status))
     }
 
-    /// What happened to the robot, by joint; of the whole arm without.
+    /// Events of the robot, by joint; without a joint for the whole arm.
     pub(in crate::cli) fn events(&self) -> Vec<(Option<JointIndex>, FigureEvent)> {
         let alarm = |row: &AnomalyRow| {
             let at = row.onset_at.unwrap_or(row.first_seen_at);
@@ -62,13 +62,13 @@ impl RobotLife {
         alarms.chain(self.work.iter().map(repair)).collect()
     }
 
-    /// What happened to a joint, what concerns the whole arm included.
+    /// Events of a joint, including those of the whole arm.
     pub(in crate::cli) fn events_of(&self, joint: JointIndex) -> Vec<FigureEvent> {
         let events = self.events().into_iter();
         events.filter(|(of, _)| of.is_none_or(|of| of == joint)).map(|(_, event)| event).collect()
     }
 
-    /// Days between which an alarm of a joint was seen; one that is open lasts to the latest run.
+    /// Days between which an alarm of a joint was seen; an open alarm lasts to the latest run.
     pub(in crate::cli) fn alarms_of(&self, joint: JointIndex) -> Vec<[f64; 2]> {
         let of_joint = self.anomalies.iter().filter(|row| row.joint == Some(joint) && is_alarm(row));
         of_joint
@@ -81,7 +81,7 @@ impl RobotLife {
     }
 }
 
-/// Whether somebody has to look at it; what people called a false alarm is none.
+/// Returns true if it needs attention; a false alarm does not.
 fn is_alarm(row: &AnomalyRow) -> bool {
     row.severity != Severity::Info && row.state != AlarmState::FalseAlarm
 }
@@ -97,7 +97,7 @@ pub(in crate::cli) fn standing(status: HealthStatus) -> StatusWord {
     StatusWord::new(status.name(), level)
 }
 
-/// Indices of a joint with their 95 % intervals as a picture has them.
+/// Indices of a joint with their 95 % intervals in the form of a picture.
 pub(in crate::cli) fn index_points(rows: &[IndexRow]) -> Vec<IndexPoint> {
     let half = normal_quantile(0.975);
     let point = |row: &IndexRow| IndexPoint {

@@ -34,7 +34,7 @@ pub(in crate::cli) struct LoadArgs {
     load_inertia_kg_m2: Option<String>,
 }
 
-/// The load as it is meant: kg, m, kg m² about the centre of mass, axes of the tool frame.
+/// The load: kg, m, kg m² about the centre of mass, axes of the tool frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::cli) struct GivenLoad {
     pub(in crate::cli) mass: f64,

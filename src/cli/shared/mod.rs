@@ -1,4 +1,4 @@
-//! What several commands use: output, plots, chosen cycles, loads.
+//! Shared parts of several commands: output, plots, chosen cycles, loads.
 
 pub(super) mod moment;
 pub(super) mod named_value;

@@ -4,8 +4,8 @@ use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
 
-/// Reads a time: RFC 3339, or a date with or without a time of day, which are UTC. A date alone is its midnight. One of a
-/// named time zone is refused, since its zone would be passed over.
+/// Reads a time: RFC 3339, or a date with or without a time of day, which are UTC. A date alone is its midnight. A time
+/// with a named time zone is refused, since its zone would be ignored.
 pub(in crate::cli) fn moment(text: &str) -> Result<Timestamp, String> {
     let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).ok().map(|zoned| zoned.timestamp());
     let found = text

@@ -2,7 +2,7 @@
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-/// Takes one of `all` by its name. `help` explains a value, empty if the name says all.
+/// Parses the name of one of `all`. `help` explains a value; it is empty if the name is self-explanatory.
 pub(in crate::cli) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
     all: [T; N],
     name: fn(T) -> &'static str,

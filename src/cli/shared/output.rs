@@ -1,7 +1,7 @@
-//! The one place that prints: results on standard output, words on standard error.
+//! All printing: results on standard output, messages on standard error.
 //!
-//! Lines for people show hidden characters ([`text::is_hidden`]), as they may stand in the name of a file, as `\u{1b}`: a
-//! terminal would obey them. JSON has them as `\u001b`. CSV is printed as it is, except on a terminal.
+//! Lines for people show hidden characters ([`text::is_hidden`]), which may occur in the name of a file, as `\u{1b}`: a
+//! terminal would interpret them. JSON shows them as `\u001b`. CSV is printed unchanged, except on a terminal.
 
 use std::borrow::Cow;
 use std::fmt::Display;
@@ -18,25 +18,25 @@ use armwatch_model::text;
 /// Why results could not be printed, the first time that happened.
 static FAILED: OnceLock<String> = OnceLock::new();
 
-/// Prints a line of results for people. A reader that went away, as in `armwatch ... | head`, is not an error; of any
-/// other failure [`failure`] tells at the end.
+/// Prints a line of results for people. A closed reader, as in `armwatch ... | head`, is not an error; [`failure`]
+/// reports any other failure at the end.
 pub fn line(text: &str) {
     note(writeln!(std::io::stdout().lock(), "{}", in_colour(&on_one_line(text))));
 }
 
-/// Prints several lines of results for people, such as a [`table`]. Text from outside must have passed [`text::shown`], since
-/// its line feeds would begin lines here.
+/// Prints several lines of results for people, such as a [`table`]. Foreign text must have passed [`text::shown`],
+/// since its line feeds would start new lines here.
 pub fn block(text: &str) {
     text.split('\n').for_each(line);
 }
 
-/// Prints results for programs as they are, with the end of a line.
+/// Prints results for programs unchanged, with the end of a line.
 pub fn data(text: &str) {
     lines(std::iter::once(text.to_owned()));
 }
 
-/// Prints lines of results for programs as they come; ends where they cannot be printed. On a terminal, hidden characters
-/// are shown.
+/// Prints lines of results for programs as they arrive; stops if they cannot be printed. On a terminal, hidden
+/// characters are shown.
 pub fn lines(lines: impl Iterator<Item = String>) {
     let stdout = std::io::stdout();
     let is_for_people = stdout.is_terminal();
@@ -50,7 +50,7 @@ pub fn lines(lines: impl Iterator<Item = String>) {
     note(stdout.flush());
 }
 
-/// Why results could not be printed, such as a full disk; `None` where all were.
+/// Why results could not be printed, such as a full disk; `None` if all were printed.
 pub fn failure() -> Option<String> {
     note(std::io::stdout().lock().flush());
     FAILED.get().cloned()
@@ -64,14 +64,14 @@ fn note(printed: std::io::Result<()>) {
     }
 }
 
-/// Begins a style of this program in place of the escape character until the line is printed, so that one in the name
-/// of a file is told apart. Unicode gives it to no character.
+/// Start of a style of this program, instead of the escape character, until the line is printed, so that an escape
+/// character in the name of a file is distinct. Unicode assigns it to no character.
 const STYLE: char = '\u{fdd0}';
 
-/// The escape character, with which a terminal is given orders.
+/// The escape character, which begins terminal commands.
 const ESCAPE: char = '\u{1b}';
 
-/// The text in a style where standard output shows it: on a terminal, and not where `NO_COLOR` is set.
+/// The text in a style if standard output supports it: on a terminal, unless `NO_COLOR` is set.
 pub fn styled(text: &str, style: Style) -> String {
     let plain = AutoStream::choice(&std::io::stdout()) == ColorChoice::Never;
     if plain { text.to_owned() } else { in_style(text, style) }
@@ -82,7 +82,7 @@ fn in_style(text: &str, style: Style) -> String {
     format!("{}{text}{}", marked(style.to_string()), marked(format!("{style:#}")))
 }
 
-/// A text with the styles of this program as a terminal takes them.
+/// A text with the styles of this program in terminal codes.
 fn in_colour(shown: &str) -> Cow<'_, str> {
     match shown.contains(STYLE) {
         true => shown.replace(STYLE, ESCAPE.encode_utf8(&mut [0; 4])).into(),
@@ -90,13 +90,13 @@ fn in_colour(shown: &str) -> Cow<'_, str> {
     }
 }
 
-/// Whether a text goes on as the code of a colour does, behind its escape character: `[31m`.
+/// Returns true if a text continues like a colour code after its escape character: `[31m`.
 fn is_style(rest: &str) -> bool {
     let numbers = rest.strip_prefix('[').and_then(|rest| rest.split_once('m'));
     numbers.is_some_and(|(numbers, _)| numbers.bytes().all(|byte| byte.is_ascii_digit() || byte == b';'))
 }
 
-/// A text on one line for people: styles of this program as they are, other hidden characters shown.
+/// A text on one line for people: styles of this program unchanged, other hidden characters shown.
 fn on_one_line(text: &str) -> Cow<'_, str> {
     let mut parts = text.split(STYLE);
     let first = text::shown(parts.next().unwrap_or_default());
@@ -115,12 +115,12 @@ fn on_one_line(text: &str) -> Cow<'_, str> {
     shown.into()
 }
 
-/// A word for a severity, a status or an outcome in its colour; other words as they are.
+/// A word for a severity, a status or an outcome in its colour; other words unchanged.
 pub fn coloured(word: &str) -> String {
     style_of(word).map_or_else(|| word.to_owned(), |style| styled(word, style))
 }
 
-/// How urgent what a word says is.
+/// Style for the urgency of a word.
 fn style_of(word: &str) -> Option<Style> {
     Some(match word {
         "critical" => AnsiColor::Red.on_default().bold(),
@@ -135,7 +135,7 @@ fn style_of(word: &str) -> Option<Style> {
     })
 }
 
-/// The text with spaces up to a width; colours take none.
+/// The text padded with spaces to a width; colours have no width.
 pub fn padded(text: &str, width: usize) -> String {
     format!("{text}{}", " ".repeat(width.saturating_sub(shown_width(text))))
 }
@@ -144,13 +144,13 @@ fn shown_width(text: &str) -> usize {
     strip_str(&in_colour(&on_one_line(text))).to_string().chars().count()
 }
 
-/// A count with its noun, which is in the plural unless the count is one.
+/// A count with its noun, in the plural unless the count is one.
 pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> String {
     let ending = if count == N::from(1) { "" } else { "s" };
     format!("{count} {noun}{ending}")
 }
 
-/// Prints a line of words.
+/// Prints a hint.
 pub fn print_hint(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{}", text::shown(text));
 }
@@ -173,11 +173,11 @@ pub fn json_lines(of: impl Iterator<Item = String>) {
     lines(of.map(|line| text::json(&line).into_owned()));
 }
 
-/// Narrowest width that a column of long text is cut to.
+/// Narrowest width of a shortened column of long text.
 const NARROWEST: usize = 16;
 
-/// Prints a table of which long text is cut to the width of a terminal; elsewhere it is whole. Names of `coloured`
-/// columns hold words for a status.
+/// Prints a table. On a terminal, long text is cut to its width; otherwise it is complete. Columns in `in_colour`
+/// contain words for a status.
 pub fn print_table(header: &[&str], rows: &[Vec<String>], in_colour: &[&str]) {
     let width = std::io::stdout().is_terminal().then(terminal_size::terminal_size).flatten();
     let rows: Vec<Vec<String>> =
@@ -198,10 +198,10 @@ pub fn print_table(header: &[&str], rows: &[Vec<String>], in_colour: &[&str]) {
     }
 }
 
-/// Stands for the rest of a text.
+/// Replaces the rest of a text.
 const ELLIPSIS: char = '\u{2026}';
 
-/// Rows whose columns of text are cut, the widest first, until the table has this width or nothing can be cut.
+/// Rows with shortened text columns, the widest first, until the table has this width or nothing can be cut.
 fn fitted(header: &[&str], rows: &[Vec<String>], width: usize) -> Vec<Vec<String>> {
     let is_text = |cell: &String| cell.contains(' ') || cell.chars().count() > 2 * NARROWEST;
     let widest = |column: usize| {
@@ -224,7 +224,7 @@ fn fitted(header: &[&str], rows: &[Vec<String>], width: usize) -> Vec<Vec<String
     rows.iter().map(|row| row.iter().zip(&widths).map(cut).collect()).collect()
 }
 
-/// A table with a header, columns padded to their widest cell; colours take no width, and a row is one line.
+/// A table with a header, columns padded to their widest cell; colours have no width, and a row is one line.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let shown = |row: &Vec<String>| row.iter().map(|cell| on_one_line(cell).into_owned()).collect();
     let rows: Vec<Vec<String>> = rows.iter().map(shown).collect();
@@ -281,7 +281,7 @@ mod tests {
         let bold = AnsiColor::Red.on_default().bold();
         let styled = format!("a {}\n", in_style("critical", bold));
         assert_eq!(in_colour(&on_one_line(&styled)), format!("a {bold}critical{bold:#}\\n"));
-        // what begins a style of this program gives a name no more than a colour
+        // the start character of this program's styles gives a name at most a colour
         assert_eq!(on_one_line("\u{fdd0}[2J\u{fdd0}"), "\\u{fdd0}[2J\\u{fdd0}");
     }
 }

@@ -1,4 +1,4 @@
-//! Files that are named on the command line, and what helps where one cannot be read or written.
+//! Files that are named on the command line, with remedies if one cannot be read or written.
 
 use std::fs::Metadata;
 use std::io::{Error, ErrorKind};
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::cli::context::CliError;
 
-/// What the system says of a file or folder that was named; every command says alike that there is none.
+/// Metadata of a named file or folder; all commands report a missing one with the same words.
 pub(in crate::cli) fn metadata(path: &Path) -> Result<Metadata, CliError> {
     std::fs::metadata(path).map_err(|error| {
         let shown = path.display();
@@ -20,7 +20,7 @@ pub(in crate::cli) fn metadata(path: &Path) -> Result<Metadata, CliError> {
     })
 }
 
-/// Why a file that is there could not be read, and what helps.
+/// Why an existing file could not be read, and the remedy.
 pub(in crate::cli) fn not_read(path: &Path, error: &Error) -> CliError {
     let remedy = match error.kind() {
         ErrorKind::PermissionDenied => "ask for permission to read it",
@@ -29,7 +29,7 @@ pub(in crate::cli) fn not_read(path: &Path, error: &Error) -> CliError {
     CliError::Io(format!("cannot read {}: {error}; {remedy}", path.display()))
 }
 
-/// Why a file or folder could not be written, and what helps.
+/// Why a file or folder could not be written, and the remedy.
 pub(in crate::cli) fn not_written(path: &Path, error: &Error) -> CliError {
     let remedy = match error.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn what_helps_depends_on_what_the_system_says() {
-        // numbers of errors as Linux and other systems have them
+        // error numbers of Linux and other systems
         for (number, remedy) in [
             (28, "free space there"),
             (13, "ask for permission to write there"),

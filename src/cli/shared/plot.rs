@@ -1,4 +1,4 @@
-//! Where pictures go that are asked for with a file name, and the limits that they show.
+//! Files of requested pictures, and the limits that they show.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use crate::report::friction_index::IndexLimits;
 use crate::report::rmsd::RmsdLimits;
 use armwatch_config::Config;
 
-/// A picture's file, whose ending says what it is written as.
+/// A picture's file, whose ending determines the format.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PlotFile {
     path: PathBuf,
@@ -17,7 +17,7 @@ pub struct PlotFile {
 }
 
 impl PlotFile {
-    /// Of a file name that ends in `.svg` or `.html`; what lies there must be none, or an earlier result.
+    /// Parses a file name that ends in `.svg` or `.html`. Only an earlier result may exist there.
     pub fn parse(text: &str) -> Result<Self, String> {
         let path = PathBuf::from(text);
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
@@ -29,24 +29,24 @@ impl PlotFile {
         objection(&file.path).map_or(Ok(file), Err)
     }
 
-    /// Where the picture goes.
+    /// Path of the picture.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes the picture and says so.
+    /// Writes the picture and reports it.
     pub fn write(&self, figure: &Figure) -> Result<(), CliError> {
         let text = if self.as_page { figure.html() } else { figure.svg() };
         write_lines(&self.path, text.lines().map(str::to_owned))
     }
 }
 
-/// Limits of the relative RMSD as the configuration has them.
+/// Limits of the relative RMSD in the configuration.
 pub fn rmsd_limits(config: &Config) -> RmsdLimits {
     RmsdLimits { warning: config.detect.accuracy_warning, critical: config.detect.accuracy_critical }
 }
 
-/// Limits of the friction index as the configuration has them.
+/// Limits of the friction index in the configuration.
 pub fn index_limits(config: &Config) -> IndexLimits {
     IndexLimits { warning: config.detect.drift_warning, critical: config.detect.drift_critical }
 }

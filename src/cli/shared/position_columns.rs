@@ -1,21 +1,21 @@
-//! Columns of positions, velocities and accelerations in anybody's CSV files.
+//! Columns of positions, velocities and accelerations in CSV files of any origin.
 
 use armwatch_model::robot::{JointKind, Robot};
 
-/// What names of columns of positions, velocities and accelerations begin with, before the joint's number.
+/// Prefixes of column names of positions, velocities and accelerations, before the joint's number.
 pub(in crate::cli) const POSITIONS: [&str; 3] = ["pos_", "q_", "position_"];
 pub(in crate::cli) const VELOCITIES: [&str; 3] = ["vel_", "qd_", "velocity_"];
 pub(in crate::cli) const ACCELERATIONS: [&str; 3] = ["acc_", "qdd_", "acceleration_"];
 
-/// A column and what its cells are multiplied by to be SI.
+/// A column and the factor of its cells to SI.
 pub(in crate::cli) struct SiColumn {
-    /// Its place, from 0.
+    /// Its index, from 0.
     pub index: usize,
     /// The factor.
     pub factor: f64,
 }
 
-/// Columns of one quantity for every joint; `None` if one is missing. `order` is how often it is derived.
+/// Columns of one quantity for every joint; `None` if one is missing. `order` is the order of the derivative.
 pub(in crate::cli) fn columns(
     header: &[String],
     prefixes: &[&str],
@@ -39,12 +39,12 @@ pub(in crate::cli) fn columns(
     (1..).zip(robot.joints.iter().map(|joint| joint.kind)).map(of_joint).collect()
 }
 
-/// Names of a header, without the mark that some programs put before the first.
+/// Names of a header, without the byte order mark that some programs write first.
 pub(in crate::cli) fn names(header: &csv::StringRecord) -> Vec<String> {
     header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect()
 }
 
-/// What is said where a position is missing.
+/// Message for a missing position.
 pub(in crate::cli) fn no_positions(robot: &Robot) -> String {
     let n = robot.joint_count();
     format!(

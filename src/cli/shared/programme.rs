@@ -16,10 +16,10 @@ pub fn programme(path: &Path, robot: &Robot) -> Result<Programme, CliError> {
     Ok(programme)
 }
 
-/// The text of a file that was named.
+/// The text of a named file.
 ///
 /// # Errors
-/// [`CliError::Usage`] where there is no such file, or it is no text; [`CliError::Io`] where it cannot be read.
+/// [`CliError::Usage`] if the file does not exist or is not text; [`CliError::Io`] if it cannot be read.
 pub fn read(path: &Path) -> Result<String, CliError> {
     if metadata(path)?.is_dir() {
         return Err(CliError::Usage(format!("{}: is a folder; name a file", path.display())));

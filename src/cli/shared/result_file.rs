@@ -1,5 +1,4 @@
-//! The one door through which commands write files of results. An earlier result is replaced; a database, an export and
-//! whatever else lies there is not.
+//! Writes all result files of commands. It replaces an earlier result, but never a database, an export or another file.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -14,14 +13,14 @@ use super::paths::not_written;
 use crate::cli::context::CliError;
 use armwatch_ingest::bytes::fingerprint::id_of;
 
-/// How a database in a file begins (SQLite, "Database File Format", 1.3).
+/// Start of a database file (SQLite, "Database File Format", 1.3).
 const DATABASE: &[u8] = b"SQLite format 3\0";
 
-/// Endings of files that belong to the database beside them: those of SQLite, and the claim of a daemon.
+/// Endings of files that belong to the database next to them: those of SQLite, and the claim of a daemon.
 const BESIDE_DATABASE: [&[u8]; 4] = [b"-wal", b"-shm", b"-journal", b".daemon"];
 
-/// How results begin: pictures, pages, PDF, programmes of test motions, URDF, and the tables of `torque` and `friction`.
-/// Tables of motions are told by [`is_motion`].
+/// Starts of results: pictures, pages, PDF, programmes of test motions, URDF, and the tables of `torque` and
+/// `friction`. [`is_motion`] recognises tables of motions.
 const RESULTS: [&[u8]; 8] = [
     b"<svg",
     b"<!DOCTYPE html>",
@@ -33,16 +32,16 @@ const RESULTS: [&[u8]; 8] = [
     b"robot,run_id,cycle,",
 ];
 
-/// Bytes that are looked at: more than the header of a table of motions of nine joints has.
+/// Bytes that are read: more than the header of a table of motions of nine joints has.
 const LOOKED_AT: u64 = 4096;
 
-/// Reads the name of a file of results; what lies there must be none, or an earlier result.
+/// Parser for the name of a result file. Only an earlier result may exist there.
 pub(in crate::cli) fn result_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| objection(&path).map_or(Ok(path), Err))
 }
 
-/// Why results must not replace what lies at `path`, and what helps. `None` where nothing lies there, or an earlier
-/// result, or what is no file, such as a pipe.
+/// The reason why results must not replace the file at `path`, and the remedy. `None` if there is no file or an earlier
+/// result, or if the path is not a regular file, such as a pipe.
 pub(in crate::cli) fn objection(path: &Path) -> Option<String> {
     let real = path.canonicalize().ok();
     if let Some(database) = [Some(path), real.as_deref()].into_iter().flatten().find_map(database_beside) {
@@ -68,7 +67,7 @@ pub(in crate::cli) fn objection(path: &Path) -> Option<String> {
     }
 }
 
-/// Refuses to replace what is no earlier result.
+/// Refuses to replace a file that is not an earlier result.
 ///
 /// # Errors
 /// [`CliError::Usage`] with the [`objection`].
@@ -79,7 +78,7 @@ fn refuse_other(path: &Path) -> Result<(), CliError> {
     }
 }
 
-/// Refuses a database, or what belongs to one, even where a user asks to replace whatever there is.
+/// Refuses a database, or a file that belongs to one, even if a user permits replacement.
 ///
 /// # Errors
 /// [`CliError::Usage`].
@@ -93,10 +92,10 @@ pub(in crate::cli) fn refuse_database(path: &Path) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Refuses to write over a file that the results are made from; `what` it is, such as "the export itself".
+/// Refuses to overwrite a source of the results; `what` names it, such as "the export itself".
 ///
 /// # Errors
-/// [`CliError::Usage`] where both names are of one file.
+/// [`CliError::Usage`] if both names refer to one file.
 pub(in crate::cli) fn refuse_source(
     target: Option<&Path>,
     source: &Path,
@@ -113,10 +112,10 @@ pub(in crate::cli) fn refuse_source(
     }
 }
 
-/// Writes a file of these lines and says so.
+/// Writes a file of these lines and reports it.
 ///
 /// # Errors
-/// [`CliError::Usage`] where something lies there that is no earlier result, [`CliError::Io`] where it cannot be written.
+/// [`CliError::Usage`] if the existing file is not an earlier result, [`CliError::Io`] if it cannot be written.
 pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = String>) -> Result<(), CliError> {
     refuse_other(path)?;
     let written = || -> Result<(), Error> {
@@ -131,10 +130,10 @@ pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = Strin
     Ok(())
 }
 
-/// Copies a finished file of results to its place and says so.
+/// Copies a finished result file to its place and reports it.
 ///
 /// # Errors
-/// As [`write_lines`].
+/// Those of [`write_lines`].
 pub(in crate::cli) fn copy(finished: &Path, path: &Path) -> Result<(), CliError> {
     refuse_other(path)?;
     std::fs::copy(finished, path).map_err(|error| not_written(path, &error))?;
@@ -142,9 +141,9 @@ pub(in crate::cli) fn copy(finished: &Path, path: &Path) -> Result<(), CliError>
     Ok(())
 }
 
-/// The first bytes of the file at `path`; `None` where nothing lies there, and for what is no file.
+/// The first bytes of the file at `path`; `None` if there is no regular file.
 fn beginning(path: &Path) -> Result<Option<Vec<u8>>, Error> {
-    // opening a pipe would wait for its writer; why nothing can be seen, writing says better
+    // opening a pipe would wait for its writer; other errors are reported by the write
     if !std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) {
         return Ok(None);
     }
@@ -166,12 +165,13 @@ fn database_beside(path: &Path) -> Option<PathBuf> {
     })
 }
 
-/// Whether a file that begins so is an earlier result, or empty.
+/// Returns true if a file with this start is an earlier result, or empty.
 fn is_result(begin: &[u8]) -> bool {
     begin.is_empty() || RESULTS.iter().any(|result| begin.starts_with(result)) || is_motion(begin)
 }
 
-/// Whether a file that begins so is a table of a motion, which has no torques: an export of such a motion has them.
+/// Returns true if a file with this start is a table of a motion, which has no torques; an export of such a motion has
+/// them.
 fn is_motion(begin: &[u8]) -> bool {
     let header = String::from_utf8_lossy(begin);
     let header = header.lines().next().unwrap_or_default();
@@ -248,7 +248,7 @@ mod tests {
             assert!(refuse_database(&of(name)).is_err(), "{name}");
         }
         assert!(objection(&of("link.svg")).is_some_and(|said| said.contains("database")));
-        // a name alone says nothing
+        // a name alone is no evidence
         for name in ["other.db-wal", "-wal", "fleet.svg", "fleet.db.svg"] {
             assert_eq!(objection(&of(name)), None, "{name}");
             assert!(refuse_database(&of(name)).is_ok(), "{name}");

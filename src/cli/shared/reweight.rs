@@ -1,4 +1,5 @@
-//! Stored cycles of another estimator than the configured one, before `ingest` takes its first export.
+//! Identifies stored cycles of another estimator than the configured one again, before `ingest` processes its first
+//! export.
 
 use std::io::IsTerminal;
 
@@ -10,7 +11,7 @@ use crate::cli::context::CliError;
 use crate::pipeline::context::Pipeline;
 use crate::pipeline::reweight::{Reweighted, Reweighting};
 
-/// Identifies them again from their factors; `false` if a stop was asked for before all were through.
+/// Identifies them again from their factors; returns `false` if a stop was requested before all were done.
 pub(in crate::cli) async fn reweight(
     pipeline: &Pipeline,
     stop: &CancellationToken,

@@ -7,7 +7,7 @@ use super::output;
 use crate::cli::context::CliError;
 use armwatch_store::{AskError, ResultTable};
 
-/// Significant digits of numbers in a table; CSV and JSON have all.
+/// Significant digits of numbers in a table; CSV and JSON contain all.
 const DIGITS: usize = 6;
 
 /// How rows are printed.
@@ -19,16 +19,16 @@ pub struct RowArgs {
 }
 
 impl RowArgs {
-    /// Whether rows are printed as CSV.
+    /// Returns true if rows are printed as CSV.
     pub fn is_csv(self) -> bool {
         self.csv
     }
 }
 
-/// Prints rows as they are asked for; `nothing` stands for none in a table.
+/// Prints rows in the requested form; a table without rows is replaced by `nothing`.
 ///
 /// # Errors
-/// [`CliError::Internal`] where rows cannot be written as CSV.
+/// [`CliError::Internal`] if rows cannot be written as CSV.
 pub fn print(table: &ResultTable, args: RowArgs, json: bool, nothing: &str) -> Result<(), CliError> {
     if json {
         output::json_lines(table.objects().map(|object| object.to_string()));
@@ -45,7 +45,7 @@ pub fn print(table: &ResultTable, args: RowArgs, json: bool, nothing: &str) -> R
     Ok(())
 }
 
-/// The error of a question in SQL as that of a command.
+/// Converts the error of an SQL query to that of a command.
 pub fn as_cli_error(error: AskError) -> CliError {
     match error {
         AskError::Statement(text) | AskError::NoView(text) => CliError::Usage(text),

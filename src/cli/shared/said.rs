@@ -1,6 +1,6 @@
-//! Texts that people give for those who read them later: what was done, why, and who says so.
+//! Texts from people for later readers: work done, reason, and author.
 
-/// Reads a text, without spaces about it; one that says nothing is refused.
+/// Reads a text, without surrounding spaces; an empty one is refused.
 pub(in crate::cli) fn said(text: &str) -> Result<String, String> {
     match text.trim() {
         "" => Err("it is empty; write it for those who read the history later".to_owned()),

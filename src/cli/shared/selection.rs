@@ -1,4 +1,4 @@
-//! What names runs, cycles and parameters on the command line.
+//! Selection of runs, cycles and parameters on the command line.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use armwatch_model::analysis::Estimator;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{ParameterSet, RunRow, Store};
 
-/// Most cycles that a range may name: a test of a week at five minutes a cycle.
+/// Most cycles in a range: a test of a week at five minutes per cycle.
 const MAX_CYCLES: u32 = 2016;
 
 impl From<StoredError> for CliError {
@@ -26,7 +26,7 @@ impl From<StoredError> for CliError {
     }
 }
 
-/// Says which cycles of the chosen runs take no part, and which do in spite of a finding, and why.
+/// Reports excluded cycles of the chosen runs and those that are included despite a finding, with reasons.
 pub(in crate::cli) fn note_cycles(passed_over: &[NotedCycle], in_spite: &[NotedCycle]) {
     if !in_spite.is_empty() {
         output::print_hint(&format!("taken in spite of findings: {}", told(in_spite)));
@@ -65,7 +65,7 @@ pub(in crate::cli) fn runs_of<'a>(runs: &'a [RunRow], robot: &str) -> Result<Vec
     Err(CliError::Usage(format!("no complete run of robot {robot}; there are runs of: {}", known.join(", "))))
 }
 
-/// Runs that a word names: the number of a run, or the name of a robot for all its complete runs.
+/// Runs selected by a word: the number of a run, or the name of a robot for all its complete runs.
 pub(in crate::cli) fn named_runs<'a>(runs: &'a [RunRow], word: &str) -> Result<Vec<&'a RunRow>, CliError> {
     match word.parse::<i64>() {
         Ok(run_id) => runs
@@ -77,13 +77,13 @@ pub(in crate::cli) fn named_runs<'a>(runs: &'a [RunRow], word: &str) -> Result<V
     }
 }
 
-/// The error of a command that asks for a run that is not there, with those that are.
+/// The error of a command for a run that does not exist, with the existing ones.
 pub(in crate::cli) fn no_run(runs: &[RunRow], run_id: i64) -> CliError {
     let known = in_ranges(runs.iter().map(|run| run.run_id));
     CliError::Usage(format!("there is no run {run_id}; runs known: {known}; `armwatch runs` lists them"))
 }
 
-/// Parameters with the words that name them and, if they are those of a whole run, the run.
+/// Parameters with their selecting words and, if they belong to a whole run, the run.
 #[derive(Debug)]
 pub(in crate::cli) struct NamedCandidate {
     pub(in crate::cli) name: String,
@@ -102,7 +102,7 @@ impl NamedCandidate {
         Ok(Self { name: format!("run {run_id}"), run_id: Some(run_id), candidate: as_candidate(set) })
     }
 
-    /// `RUN`, `RUN:CYCLES` or the name of a saved set; `estimator` is that of runs and cycles.
+    /// Finds parameters by `RUN`, `RUN:CYCLES` or the name of a saved set; `estimator` applies to runs and cycles.
     pub(in crate::cli) async fn find(
         store: &Store,
         word: &str,
@@ -115,7 +115,7 @@ impl NamedCandidate {
     }
 }
 
-/// Parameters that `RUN`, `RUN:CYCLES` or the name of a saved set stands for; `estimator` is that of runs and cycles.
+/// Finds the parameter set of `RUN`, `RUN:CYCLES` or the name of a saved set; `estimator` applies to runs and cycles.
 pub(in crate::cli) async fn find_set(
     store: &Store,
     word: &str,

@@ -1,16 +1,16 @@
-//! What is said of a robot that is not there.
+//! Error for an unknown robot.
 
 use crate::cli::context::CliError;
 use armwatch_store::Store;
 
-/// Most robots that are listed in place of one that is not there.
+/// Most robots that are listed instead of an unknown one.
 const LISTED: usize = 12;
 
-/// Most letters in which a name differs from the one that was probably meant.
+/// Most different letters between a name and the one that was probably meant.
 const FAR: usize = 2;
 
-/// The error of a command that asks for a robot that no run is of, with those that there are. That of the database,
-/// where they cannot be asked for.
+/// The error of a command for a robot without runs, with the robots that have some. The database error if these cannot
+/// be read.
 pub(in crate::cli) async fn unknown_robot(store: &Store, name: &str) -> CliError {
     match robots(store).await {
         Ok(known) => CliError::Usage(in_words(name, &known)),
@@ -18,10 +18,10 @@ pub(in crate::cli) async fn unknown_robot(store: &Store, name: &str) -> CliError
     }
 }
 
-/// Refuses a robot that no run is of.
+/// Refuses a robot without runs.
 ///
 /// # Errors
-/// [`CliError::Usage`], with the robots that there are, and those of the database.
+/// [`CliError::Usage`], with the robots that have runs, and those of the database.
 pub(in crate::cli) async fn require_robot(store: &Store, name: &str) -> Result<(), CliError> {
     let known = robots(store).await?;
     match known.iter().any(|robot| robot == name) {
@@ -43,7 +43,7 @@ fn in_words(name: &str, known: &[String]) -> String {
         );
     }
     let distance = |robot: &String| strsim::osa_distance(&robot.to_lowercase(), &name.to_lowercase());
-    // of a short name, most letters would differ
+    // in a short name, most letters would differ
     let far = FAR.min(name.chars().count() / 2);
     let near = known.iter().filter(|robot| distance(robot) <= far).min_by_key(|robot| distance(robot));
     let meant = near.map(|robot| format!("did you mean {robot}? ")).unwrap_or_default();

@@ -1,12 +1,12 @@
-//! Who sits at the command line.
+//! The user at the command line.
 
 use std::fs;
 
-/// Where the system keeps its users, a line each: name, password, number, and more, between colons.
+/// The system's list of users, one per line: name, password, number, and more, separated by colons.
 const USERS: &str = "/etc/passwd";
 
-/// The name of the user: as the environment says it, else as the system has it, as for a timer of systemd or cron, which
-/// says none. A number that has no name there stands for itself.
+/// The name of the user: from the environment, otherwise from the system, as for a systemd timer or cron, which sets
+/// none. A number without a name is returned as it is.
 pub(in crate::cli) fn user() -> String {
     let named = ["USER", "LOGNAME"].into_iter().filter_map(|name| std::env::var(name).ok());
     let mut named = named.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty());
@@ -23,7 +23,7 @@ fn name_of(number: u32, users: &str) -> Option<String> {
     users.lines().find_map(|line| {
         let mut fields = line.split(':');
         let name = fields.next()?;
-        // the password stands between them
+        // skips the password
         (fields.nth(1)? == number && !name.is_empty()).then(|| name.to_owned())
     })
 }

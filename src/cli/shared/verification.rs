@@ -1,9 +1,9 @@
-//! How well each cycle of a run is explained by its own parameters, as it is stored.
+//! Stored verification of a run's cycles: the fit of each by its own parameters.
 
 use crate::report::rmsd::CycleVerification;
 use armwatch_store::{Store, StoreError};
 
-/// All cycles of a run, those without parameters with the reason.
+/// All cycles of a run; cycles without parameters have the reason.
 pub(in crate::cli) async fn verified_cycles(
     store: &Store,
     run_id: i64,

@@ -1,4 +1,4 @@
-//! The public views: their names as values of arguments, and what their columns mean.
+//! The public views: their names as values of arguments, and the meaning of their columns.
 
 use clap::builder::PossibleValuesParser;
 use serde_json::Value;
@@ -6,7 +6,7 @@ use serde_json::Value;
 use super::output;
 use armwatch_store::{PublicView, ResultTable, ViewColumn, public_views};
 
-/// Characters of a line of words.
+/// Characters per line of text.
 const LINE: usize = 100;
 
 /// The public views, as values of an argument.
@@ -19,7 +19,7 @@ pub(in crate::cli) fn view(name: &str) -> Option<&'static PublicView> {
     public_views().iter().find(|view| view.name == name)
 }
 
-/// All views, each with what a row of it is.
+/// All views, each with the meaning of a row.
 pub(in crate::cli) fn list() -> ResultTable {
     let row = |view: &PublicView| [&view.name, &view.row_is].map(|text| Value::from(text.as_str())).into();
     ResultTable {
@@ -28,7 +28,7 @@ pub(in crate::cli) fn list() -> ResultTable {
     }
 }
 
-/// The columns of a view, as the view `view_columns` has them.
+/// The columns of a view, as listed in the view `view_columns`.
 pub(in crate::cli) fn columns(view: &PublicView) -> ResultTable {
     let names = ["view_name", "column_name", "position", "type", "unit", "nullable", "null_when", "meaning"];
     let row = |(place, column): (usize, &ViewColumn)| {
@@ -74,7 +74,7 @@ pub(in crate::cli) fn columns_told(view: &PublicView) -> String {
     format!("{}: a row is {}\n\n{}", view.name, view.row_is, lines.join("\n"))
 }
 
-/// Words beside a head, in lines that begin under the first word.
+/// Text after a head, in lines that begin below the first word.
 fn hanging(head: &str, words: &str) -> String {
     let margin = head.chars().count() + 2;
     let (mut text, mut length) = (format!("{head}  "), margin);

@@ -1,4 +1,4 @@
-//! What the simulated arm, its controller and its signals are like beyond their description, as it is typed.
+//! Arguments for properties of the simulated arm, its controller and its signals beyond their description.
 
 use clap::Args;
 
@@ -10,7 +10,7 @@ use armwatch_simulate::arm::unit::UnitSpread;
 use armwatch_simulate::run::recording::{Heating, SensorSettings};
 use armwatch_simulate::run::servo::ServoSettings;
 
-/// Link parameters of units differ by this part of what their friction differs by.
+/// Ratio of the spread of link parameters to the spread of friction.
 const BODIES_OF_FRICTION: f64 = 0.05;
 
 #[derive(Debug, Args)]

@@ -233,7 +233,7 @@ enum ClockArg {
     Jittering,
 }
 
-/// Steps of 10 and 12 ms in turn: 11 ms, a tenth more and less.
+/// Steps of 10 and 12 ms alternately: 11 ms plus and minus this fraction.
 const ALTERNATING_PART: f64 = 1.0 / 11.0;
 /// Standard deviation of an instant of [`ClockArg::Jittering`], steps.
 const JITTER_STEPS: f64 = 0.1;
@@ -280,7 +280,7 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
     Ok(EXIT_DONE)
 }
 
-/// Why a fault is in none of so many runs of so many cycles, and what helps.
+/// Why a fault does not occur in `runs` runs of `cycles` cycles, and the remedy.
 fn unseen(fault: &Fault, runs: u32, cycles: u32) -> Option<String> {
     let last = fault.last_run.map_or(runs, |last| last.min(runs));
     let (why, remedy) = match fault.kind {
@@ -308,7 +308,7 @@ fn are(count: u32, noun: &str) -> String {
     format!("{} {}", if count == 1 { "is" } else { "are" }, output::counted(count, noun))
 }
 
-/// The arm with the motion of a programme in place of its description's excitation.
+/// The arm with the motion of a programme instead of its description's excitation.
 fn with_trajectory(mut robot: Robot, path: &Path) -> Result<Robot, CliError> {
     robot.excitation = Some(programme(path, &robot)?.series);
     Ok(robot)

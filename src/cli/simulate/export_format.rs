@@ -1,4 +1,4 @@
-//! A layout the other way round: what the simulator writes for the reader to understand.
+//! The inverse of a layout: columns that the simulator writes and the reader understands.
 
 use nalgebra::DMatrix;
 
@@ -12,9 +12,9 @@ use armwatch_simulate::files::format::{
 };
 use armwatch_simulate::run::temperatures::TemperatureColumns;
 
-/// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
-/// in the order time, position, velocity, torque, stage, cycle, friction joint and level, and of the temperatures
-/// that the layout names those that are recorded.
+/// The columns that `layout` reads in exports of `robot`: columns by number at their places, all others in the order
+/// time, position, velocity, torque, stage, cycle, friction joint and level. Temperatures in the layout are included if
+/// they are recorded.
 pub(in crate::cli) fn export_format(
     layout: &Layout,
     robot: &Robot,
@@ -55,7 +55,7 @@ pub(in crate::cli) fn export_format(
     Ok(ExportFormat { delimiter: layout.delimiter, header: layout.header, columns })
 }
 
-/// The simulator writes UTF-8 with decimal points, and nothing before or under the header.
+/// Refuses other text formats: the simulator writes UTF-8 with decimal points, and nothing before or below the header.
 fn refuse_text(layout: &Layout) -> Result<(), CliError> {
     let text = &layout.text;
     let is_plain = matches!(text.encoding, TextEncoding::Auto | TextEncoding::Utf8)
@@ -162,7 +162,7 @@ fn signals(layout: &Layout) -> Result<Vec<(Column, ColumnContent)>, CliError> {
     Ok(cells)
 }
 
-/// The columns of the stage signal, none where the layout has none.
+/// The columns of the stage signal; none if the layout has none.
 fn stage_cells(layout: &Layout) -> Result<Vec<(Column, ColumnContent)>, CliError> {
     let lacking = || {
         CliError::Usage(format!(
@@ -180,7 +180,7 @@ fn stage_cells(layout: &Layout) -> Result<Vec<(Column, ColumnContent)>, CliError
     Ok(columns.into_iter().map(|(column, cells)| (column.clone(), cell(cells))).collect())
 }
 
-/// Largest noise of an analogue stage signal, as a part of its narrowest range.
+/// Largest noise of an analogue stage signal, as a fraction of its narrowest range.
 const NOISE_OF_RANGE: f64 = 0.3;
 
 #[cfg(test)]
@@ -195,8 +195,8 @@ mod tests {
     use armwatch_simulate::run::recording::RecordedRow;
     use armwatch_simulate::{SimulationSettings, rows_of_run, simulate_run};
 
-    /// Numbers are written with every digit; motor sides and units cost some multiplications, and motor angles of a
-    /// hundred turns have as many digits less.
+    /// Tolerance of rounding. Numbers are written with every digit; motor sides and units take some multiplications,
+    /// and motor angles of a hundred turns have two digits less.
     const ROUNDING: f64 = 1e-11;
 
     fn shipped(name: &str) -> PathBuf {
@@ -263,7 +263,7 @@ mod tests {
             let mut settings =
                 SimulationSettings { cycles: 1, warming_s: 0.0, ..SimulationSettings::default() };
             if let TimeSource::SampleRate(rate) = layout.time {
-                // rows of an export without time are as many a second as its layout says
+                // an export without time has the sample rate of its layout
                 settings.sample_rate_hz = rate;
                 settings.levels = Some(Vec::new());
                 settings.excitation = ExcitationParts { series: false, ..ExcitationParts::default() };

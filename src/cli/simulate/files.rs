@@ -1,4 +1,4 @@
-//! Names and times of the exports of a simulation, looked at before it begins.
+//! Checks names and times of a simulation's exports before it begins.
 
 use std::path::{Path, PathBuf};
 
@@ -9,14 +9,14 @@ use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use armwatch_simulate::{SimulationSettings, file_stem};
 
-/// Years that the name of an export may have: `ingest` takes no others.
+/// Valid years in the name of an export: `ingest` accepts no others.
 const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
 
-/// Looks at the exports of all these robots, each of `joint_count` joints, before the first is written into `folder`. Returns
-/// a sentence about those that are there and will be replaced.
+/// Checks the exports of all these robots, each of `joint_count` joints, before the first is written to `folder`.
+/// Returns a sentence about existing ones that will be replaced.
 ///
 /// # Errors
-/// [`CliError::Usage`] for a start in a year that no export has.
+/// [`CliError::Usage`] for a start in an invalid year.
 pub(super) fn replaced(
     joint_count: usize,
     robots: &[SimulationSettings],
@@ -38,7 +38,7 @@ pub(super) fn replaced(
     }))
 }
 
-/// Export of run `run_index`, counted from 0, as the simulator names it.
+/// Export of run `run_index`, counted from 0, with the simulator's file name.
 fn export_of_run(
     joint_count: usize,
     settings: &SimulationSettings,
@@ -78,7 +78,7 @@ mod tests {
     use armwatch_testing::er3a;
 
     fn settings() -> SimulationSettings {
-        // without a friction stage: names are looked at, not rows
+        // without a friction stage: only names are checked, not rows
         let levels = Some(Vec::new());
         SimulationSettings { cycles: 1, warming_s: 0.0, levels, ..SimulationSettings::default() }
     }

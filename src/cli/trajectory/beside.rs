@@ -1,4 +1,4 @@
-//! The least addition to a motion that a robot makes anyway.
+//! Finds the shortest addition to a motion that a robot performs anyway.
 
 use clap::Args;
 use serde_json::{Value, json};
@@ -13,7 +13,7 @@ use armwatch_model::robot::{FourierExcitation, Robot};
 use armwatch_trajectory::information::Information;
 use armwatch_trajectory::recorded_rows::RecordingPlan;
 
-/// Durations that are tried, s, up to that of the motion that is asked for.
+/// Durations that are tried, s, up to that of the requested motion.
 const DURATIONS_S: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0];
 
 #[derive(Debug, Clone, Args)]
@@ -41,30 +41,30 @@ pub(super) struct BesideArgs {
     precision: f64,
 }
 
-/// What ordinary work shows of the parameters.
+/// Information of production about the parameters.
 pub(super) struct ProductionPrecision {
     pub run: i64,
     pub seconds: f64,
     precision: f64,
-    /// At the rate and noise of the recording that is asked for.
+    /// At the rate and noise of the requested recording.
     information: Information,
-    /// What standard deviations are compared with, `[b]`.
+    /// Reference values of the standard deviations, `[b]`.
     sizes: Vec<f64>,
 }
 
-/// Standard deviations with and without an addition, `[b]`; `None` where the parameter is not seen.
+/// Standard deviations with and without an addition, `[b]`; `None` if the parameter is not identified.
 pub(super) struct Precision {
     alone: Vec<Option<f64>>,
     together: Vec<Option<f64>>,
 }
 
 impl BesideArgs {
-    /// Whether ordinary work counts as known.
+    /// Returns true if the information of production is used.
     pub fn is_asked(&self) -> bool {
         self.beside_run.is_some()
     }
 
-    /// What the recording shows; `None` where none is named. `sizes` are of all base parameters.
+    /// The information of the recording; `None` if none is named. `sizes` are for all base parameters.
     pub fn read(
         &self,
         global: &Global,
@@ -99,7 +99,7 @@ impl BesideArgs {
             store.close().await?;
             shown.map_err(|error| CliError::Usage(error.to_string()))
         })?;
-        // all rows of a recording would count errors of the model as noise that averages out
+        // all rows of a recording would count model errors as noise that averages out
         let share = self.beside_s * recording.sample_rate_hz / shown.rows as f64;
         let information = shown.information.times(share);
         Ok(Some(ProductionPrecision {
@@ -113,13 +113,13 @@ impl BesideArgs {
 }
 
 impl ProductionPrecision {
-    /// Durations to try, s, rising, the last `longest`.
+    /// Durations to try, s, in increasing order; the last is `longest`.
     pub fn durations(longest: f64) -> Vec<f64> {
         let shorter = DURATIONS_S.into_iter().filter(|duration| *duration < longest);
         shorter.chain([longest]).collect()
     }
 
-    /// What is known, in the measure of a search with so many instants in `duration`, s.
+    /// The known information, scaled for a search with `instants` instants in `duration`, s.
     pub fn known(&self, recording: &RecordingPlan, duration: f64, instants: usize) -> Information {
         self.information.times(instants as f64 / (recording.sample_rate_hz * duration))
     }
@@ -141,19 +141,19 @@ impl ProductionPrecision {
         })
     }
 
-    /// Parameters whose standard deviation is at most the precision that is asked for.
+    /// Number of parameters whose standard deviation is at most the requested precision.
     fn precise(&self, standard_deviations: &[Option<f64>]) -> usize {
         let is_precise =
             |(std, size): &(&Option<f64>, &f64)| std.is_some_and(|std| std <= self.precision * *size);
         standard_deviations.iter().zip(&self.sizes).filter(is_precise).count()
     }
 
-    /// Parameters that are not known well enough with the addition.
+    /// Number of parameters that miss the requested precision with the addition.
     pub fn missed(&self, precision: &Precision) -> usize {
         self.sizes.len() - self.precise(&precision.together)
     }
 
-    /// A table of all parameters, and in a sentence what was found.
+    /// Prints a table of all parameters, and the result in a sentence.
     pub fn print(&self, base: &BaseParameters, precision: &Precision, seconds: f64) {
         let number = |(std, size): (&Option<f64>, &f64)| {
             std.map_or_else(|| "not seen".to_owned(), |std| format!("{:.2} %", 100.0 * std / size))

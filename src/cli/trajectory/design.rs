@@ -1,4 +1,4 @@
-//! `armwatch trajectory design`: an excitation trajectory for an arm, and what it will tell.
+//! `armwatch trajectory design`: an excitation trajectory for an arm, with its predicted results.
 
 mod options;
 mod settings;
@@ -31,7 +31,7 @@ use armwatch_trajectory::programme::{BesideRecord, Programme, SearchRecord};
 use armwatch_trajectory::recorded_rows::RecordingPlan;
 use armwatch_trajectory::search::{Earlier, SearchBudget, SearchResult, search};
 
-/// Starts of a search where nothing else is asked for.
+/// Default number of starts of a search.
 const STARTS: u64 = 12;
 
 pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, CliError> {
@@ -104,7 +104,7 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
 }
 
 impl DesignArgs {
-    /// The search of --resume, whose settings have to be these.
+    /// The search of --resume, whose settings must be the same.
     fn earlier(
         &self,
         robot: &Robot,
@@ -181,7 +181,7 @@ impl DesignArgs {
         found.ok_or_else(|| CliError::Usage(nothing_found(problem)))
     }
 
-    /// The shortest motion with which every parameter is known well enough, or the longest one that is allowed.
+    /// The shortest motion that identifies every parameter well enough, or the longest allowed one.
     fn least_addition(
         &self,
         robot: &Robot,
@@ -237,7 +237,7 @@ impl DesignArgs {
     }
 }
 
-/// Why a search may have found no motion, and what to do.
+/// Why a search may have found no motion, and the remedy.
 fn nothing_found(problem: &SearchProblem<'_>) -> String {
     let robot = problem.robot();
     let middle: Vec<f64> = problem.settings().limits.iter().map(MotionLimits::middle).collect();

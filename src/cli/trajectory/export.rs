@@ -82,7 +82,7 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
         let cells = state_at(&series, time).into_iter().flat_map(|state| state.into_iter().take(columns));
         [time].into_iter().chain(cells).map(|value| value.to_string()).collect::<Vec<_>>().join(",")
     };
-    // the last row is the standstill at the end
+    // the last row is the rest at the end
     write_lines(&args.output, std::iter::once(header).chain((0..=steps).map(row)))?;
     let deviation = args.waypoints.then(|| interpolation_error(&series, 1.0 / args.rate_hz));
     if global.json {
@@ -101,7 +101,7 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
     Ok(EXIT_DONE)
 }
 
-/// Steps of a file at a rate, Hz, over a duration, s: one row more.
+/// Steps of a file at a rate, Hz, over a duration, s; the number of rows is one more.
 pub(super) fn steps(rate_hz: f64, duration: f64) -> Result<u64, CliError> {
     let steps = (rate_hz * duration).round();
     if !(rate_hz > 0.0 && (1.0..=MAX_ROWS).contains(&steps)) {
@@ -126,8 +126,8 @@ pub(super) fn header(robot: &Robot, waypoints: bool) -> String {
     std::iter::once("time_s".to_owned()).chain(joints).collect::<Vec<_>>().join(",")
 }
 
-/// How far cubic polynomials between waypoints are from the motion at most, at the middles between them, where the
-/// error of such a polynomial is largest.
+/// Largest deviation of cubic polynomials between waypoints from the motion. It is evaluated at the middles between
+/// them, because the error of such a polynomial is largest there.
 fn interpolation_error(series: &FourierExcitation, step: f64) -> f64 {
     let period = 1.0 / series.base_frequency;
     let intervals = (period / step).ceil() as u64;
@@ -149,8 +149,8 @@ mod tests {
     use super::*;
     use armwatch_testing::er3a;
 
-    /// Fourth derivatives of the motion times the fourth power of the step, by 384: sixteen times less for half the
-    /// step.
+    /// The error is the fourth derivative of the motion times the fourth power of the step, divided by 384: sixteen
+    /// times less for half the step.
     #[test]
     fn the_error_of_waypoints_is_of_fourth_order() {
         let series = er3a().excitation.expect("Table 4.1");

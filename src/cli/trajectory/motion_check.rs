@@ -1,4 +1,4 @@
-//! A motion held against everything that the arm and its surroundings allow.
+//! Compares a motion with all limits of the arm and its surroundings.
 
 use serde_json::{Value, json};
 
@@ -11,18 +11,18 @@ use armwatch_trajectory::clearance::{ClearanceLimit, Nearest, nearest_of_posture
 use armwatch_trajectory::limits::{Limited, SampleCheck, SampledMotion, broken_by_samples, broken_by_series};
 use armwatch_trajectory::series::state_at;
 
-/// Instants a second at which torques are taken.
+/// Instants per second for computing torques.
 const TORQUE_RATE_HZ: f64 = 1000.0;
 
-/// What was found of a motion.
+/// Result of the check.
 pub(super) struct MotionCheck<'a> {
     robot: &'a Robot,
     limit: Option<&'a ClearanceLimit>,
     /// Limits of the motion.
     pub check: SampleCheck,
-    /// Where each pair is nearest.
+    /// Smallest distance of each pair.
     nearest: Vec<Nearest>,
-    /// What it asks of the motors, where that is known.
+    /// Torques of the motors, if they can be computed.
     torques: Option<Vec<TorqueUse>>,
 }
 
@@ -47,7 +47,7 @@ impl<'a> MotionCheck<'a> {
         })
     }
 
-    /// Samples. Torques are told where velocities and accelerations are given.
+    /// Checks samples. Torques are computed if velocities and accelerations are given.
     pub fn of_samples(
         robot: &'a Robot,
         motion: &SampledMotion,
@@ -72,7 +72,7 @@ impl<'a> MotionCheck<'a> {
         })
     }
 
-    /// What is broken, a sentence each.
+    /// Broken limits, one sentence each.
     pub fn broken(&self) -> Vec<String> {
         let motion = self.check.breaches.iter().map(|breach| words::sentence(self.robot, breach));
         let near = self.too_near().map(|(name, near, limit)| {
@@ -94,17 +94,17 @@ impl<'a> MotionCheck<'a> {
         })
     }
 
-    /// Quantities that could not be judged.
+    /// Quantities that could not be checked.
     pub fn unjudged(&self) -> &[(JointIndex, Limited, f64)] {
         &self.check.unjudged
     }
 
-    /// Whether every limit is judged and kept.
+    /// Returns true if every limit was checked and kept.
     pub fn is_kept(&self) -> bool {
         self.unjudged().is_empty() && self.broken().is_empty()
     }
 
-    /// What has limits and was judged: `position, speed, acceleration`.
+    /// Quantities with limits that were checked: `position, speed, acceleration`.
     pub fn quantities(&self) -> String {
         let has_jerk = self.robot.joints.iter().any(|joint| joint.limits.jerk.is_some());
         let has_peak = self.robot.joints.iter().any(|joint| joint.peak_torque.is_some());
@@ -121,7 +121,7 @@ impl<'a> MotionCheck<'a> {
         names.join(", ")
     }
 
-    /// What no limit is known for, so that nobody takes it for kept.
+    /// Quantities without a known limit, which must not be mistaken for kept ones.
     pub fn hints(&self) -> Vec<String> {
         let mut hints = Vec::new();
         if self.limit.is_none() {
@@ -139,7 +139,7 @@ impl<'a> MotionCheck<'a> {
         hints
     }
 
-    /// Torques and nearest distances as tables, with an empty line before each.
+    /// Prints torques and smallest distances as tables, with an empty line before each.
     pub fn print(&self) {
         if let Some(joints) = &self.torques {
             output::line("");
@@ -162,12 +162,12 @@ impl<'a> MotionCheck<'a> {
         output::print_table(&["clearance of", "at least, mm", "at, s"], &rows, &[]);
     }
 
-    /// Torques and clearances for scripts.
+    /// Torques and distances for scripts.
     pub fn torque_value(&self) -> Option<Value> {
         self.torques.as_deref().map(super::torque::as_value)
     }
 
-    /// Nearest distances for scripts.
+    /// Smallest distances for scripts.
     pub fn clearance_value(&self) -> Option<Value> {
         let limit = self.limit?;
         let each = self.nearest.iter().map(|near| {
@@ -179,7 +179,7 @@ impl<'a> MotionCheck<'a> {
         Some(each.collect())
     }
 
-    /// Broken limits for scripts: those of joints, then clearances, then torques.
+    /// Broken limits for scripts: those of joints, then distances, then torques.
     pub fn broken_value(&self) -> Vec<Value> {
         let motion = self.check.breaches.iter().map(|breach| words::as_value(self.robot, breach));
         let near = self.too_near().map(|(name, near, limit)| {

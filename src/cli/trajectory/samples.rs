@@ -1,4 +1,4 @@
-//! Motions from CSV files: anybody's positions over time.
+//! Motions from CSV files: positions over time from any origin.
 
 use std::path::Path;
 
@@ -78,7 +78,7 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
     Ok(motion)
 }
 
-/// Step of the last digit of a number as it is written: 0.01 of `1.25`.
+/// Step of the last digit of a number as written: 0.01 for `1.25`.
 fn last_digit(text: &str) -> f64 {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let digits = mantissa.split_once('.').map_or(0, |(_, decimals)| decimals.len());

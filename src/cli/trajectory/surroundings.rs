@@ -1,4 +1,4 @@
-//! What stands around an arm, as it is named at the command line.
+//! Surroundings of an arm from the command line.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ pub(super) struct SurroundingsArgs {
 }
 
 impl SurroundingsArgs {
-    /// Distances that a motion of the arm keeps; `None` where nothing is to be kept apart.
+    /// Distances that a motion of the arm must keep; `None` if there are none.
     pub fn limit(&self, robot: &Robot) -> Result<Option<ClearanceLimit>, CliError> {
         if !(0.0..=10.0).contains(&self.clearance_m) {
             return Err(CliError::Usage(format!(

@@ -1,4 +1,4 @@
-//! What a motion asks of the motors.
+//! Torques of the motors in a motion.
 
 use serde_json::{Value, json};
 
@@ -9,7 +9,7 @@ use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_method::pooled::nominal_prior::nominal_base;
 use armwatch_model::robot::{Joint, Robot};
 
-/// Rated torque of each joint, Nm (N), where the description has one: its own, or the motor's through the gear.
+/// Rated torque of each joint, Nm (N), if the description has one: its own, or the motor's through the gear.
 pub(super) fn rated_torques(robot: &Robot) -> Vec<Option<f64>> {
     let of = |joint: &Joint| {
         joint.rated_torque.or_else(|| joint.rated_motor_torque.map(|motor| motor * joint.gear_ratio.abs()))
@@ -17,21 +17,21 @@ pub(super) fn rated_torques(robot: &Robot) -> Vec<Option<f64>> {
     robot.joints.iter().map(of).collect()
 }
 
-/// What a motion asks of one joint, Nm (N).
+/// Torque of one joint in a motion, Nm (N).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct TorqueUse {
     /// Root mean square.
     pub root_mean_square: f64,
     /// Largest magnitude.
     pub peak: f64,
-    /// What the root mean square may be.
+    /// Limit of the root mean square.
     pub rated: Option<f64>,
-    /// What the magnitude may be.
+    /// Limit of the magnitude.
     pub peak_limit: Option<f64>,
 }
 
-/// What states `[position, velocity, acceleration][n]` that follow each other evenly ask of each joint `[n]`; `None` where
-/// the description lacks nominal parameters.
+/// Torques of each joint `[n]` for evenly spaced states `[position, velocity, acceleration][n]`; `None` if the
+/// description lacks nominal parameters.
 pub(super) fn torque_use(
     robot: &Robot,
     states: impl Iterator<Item = [Vec<f64>; 3]>,
@@ -60,7 +60,7 @@ pub(super) fn torque_use(
     Ok(Some(rated_torques(robot).into_iter().enumerate().map(of_joint).collect()))
 }
 
-/// Torques above what a joint may be driven with for a moment, a sentence each.
+/// Torques above a joint's short-term limit, one sentence each.
 pub(super) fn peaks_beyond(joints: &[TorqueUse]) -> Vec<String> {
     let beyond = |(joint, of): (usize, &TorqueUse)| {
         let limit = of.peak_limit.filter(|limit| of.peak > *limit)?;
@@ -73,7 +73,7 @@ pub(super) fn peaks_beyond(joints: &[TorqueUse]) -> Vec<String> {
     (1..).zip(joints).filter_map(beyond).collect()
 }
 
-/// Motors that become hotter than they stand for hours, a sentence each.
+/// Motors that exceed their limit for continuous duty, one sentence each.
 pub(super) fn heating(joints: &[TorqueUse]) -> Vec<String> {
     let beyond = |(joint, of): (usize, &TorqueUse)| {
         let rated = of.rated.filter(|rated| of.root_mean_square > *rated)?;
@@ -86,7 +86,7 @@ pub(super) fn heating(joints: &[TorqueUse]) -> Vec<String> {
     (1..).zip(joints).filter_map(beyond).collect()
 }
 
-/// One row a joint.
+/// Prints one row per joint.
 pub(super) fn print_torques(joints: &[TorqueUse]) {
     let number = |value: f64| format!("{value:.2}");
     let share = |value: f64, limit: Option<f64>| {

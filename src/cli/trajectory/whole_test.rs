@@ -1,4 +1,4 @@
-//! `armwatch trajectory test`: a cycle of the whole test for a controller, as the simulator drives it.
+//! `armwatch trajectory test`: a cycle of the whole test for a controller, like that of the simulator.
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ use armwatch_trajectory::limits::SampledMotion;
 
 /// Cycles of the source's test.
 const WHOLE_TEST: f64 = 24.0;
-/// Instants a second at which the motion is held against limits, Hz.
+/// Instants per second for the comparison of the motion with limits, Hz.
 const CHECK_RATE_HZ: f64 = 1000.0;
 /// Points of a curve in the picture.
 const POINTS: u32 = 1200;
@@ -135,7 +135,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     Ok(EXIT_DONE)
 }
 
-/// Says which limits are broken; whether nothing may be written for that.
+/// Reports the broken limits; returns true if they forbid writing.
 fn refused(broken: &[String], args: &WholeTestArgs) -> bool {
     broken.iter().for_each(|sentence| output::print_hint(sentence));
     let refused = !broken.is_empty() && !args.despite_broken_limits;
@@ -147,7 +147,7 @@ fn refused(broken: &[String], args: &WholeTestArgs) -> bool {
     refused
 }
 
-/// The cycle at so many instants a second that its limits can be judged.
+/// The cycle at enough instants per second for a check of its limits.
 fn sampled(robot: &Robot, plan: &CyclePlan) -> SampledMotion {
     let n = robot.joint_count();
     let rows = (plan.duration * CHECK_RATE_HZ).ceil() as u64;
@@ -194,7 +194,7 @@ fn segment_at(plan: &CyclePlan, time: f64) -> &Segment {
     &plan.segments[plan.segments.partition_point(|segment| segment.start <= time).saturating_sub(1)]
 }
 
-/// A stage of the cycle: its name, when it begins and how long its motions last, s.
+/// A stage of the cycle: its name, its start and the duration of its motions, s.
 fn stages(plan: &CyclePlan) -> Vec<(Stage, f64, f64)> {
     let of = |stage: Stage| {
         let own = || plan.segments.iter().filter(move |segment| segment.stage == stage);
@@ -225,12 +225,12 @@ fn describe(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
     judged.hints().iter().for_each(|hint| output::print_hint(hint));
 }
 
-/// How one joint is tested for friction.
+/// The friction test of one joint.
 struct JointFrictionTest {
     joint: JointIndex,
     /// Angle of its axis from the vertical, rad.
     tilt: f64,
-    /// The others, rad (m).
+    /// Positions of the other joints, rad (m).
     posture: Vec<f64>,
     /// Speed, rad/s (m/s), plateaus, and duration of each, s.
     levels: Vec<(f64, u32, f64)>,
@@ -253,7 +253,7 @@ fn friction(plan: &CyclePlan, robot: &Robot) -> Vec<JointFrictionTest> {
     robot.joint_indices().filter_map(of).collect()
 }
 
-/// Tilt from which gravity is no longer still, rad.
+/// Largest tilt with constant gravity torque, rad.
 const STILL: f64 = 1e-6;
 
 fn print_friction(tests: &[JointFrictionTest]) {

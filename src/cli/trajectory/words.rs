@@ -1,4 +1,4 @@
-//! What is said of limits: how near a motion comes to them, and which it breaks.
+//! Texts about limits: the margins of a motion, and the limits that it breaks.
 
 use serde_json::{Value, json};
 
@@ -42,7 +42,7 @@ pub(super) fn as_value(robot: &Robot, breach: &Breach) -> Value {
     })
 }
 
-/// How near a series comes to each limit: one row a joint.
+/// Prints the margins of a series to each limit: one row per joint.
 pub(super) fn print_nearness(robot: &Robot, series: &FourierExcitation) {
     let header = [
         "joint",
@@ -82,7 +82,7 @@ pub(super) fn print_nearness(robot: &Robot, series: &FourierExcitation) {
     output::print_table(&header, &rows, &[]);
 }
 
-/// Part of a speed by which a search may miss it.
+/// Tolerance of a requested speed, as a fraction.
 const SPEED_TOLERANCE: f64 = 1e-3;
 
 /// The same for scripts.
@@ -105,7 +105,7 @@ pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
     robot.joint_indices().map(of_joint).collect()
 }
 
-/// Joints that stay below the part of their top speeds that was asked for, a sentence each.
+/// Joints that stay below the requested share of their top speeds, one sentence each.
 pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> Vec<String> {
     let of_joint = |index: armwatch_model::robot::JointIndex| {
         let top = robot.joints[index.index()].limits.velocity;
@@ -122,7 +122,7 @@ pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> V
     robot.joint_indices().filter_map(of_joint).collect()
 }
 
-/// Why a motion of the arm called `arm` gives no numbers, and what helps.
+/// Why a motion of the arm `arm` gives no numbers, and the remedy.
 pub(super) fn without_numbers(arm: &str, series: &FourierExcitation, error: &NumericsError) -> CliError {
     let remedy = match error {
         NumericsError::NotFinite(_) => format!(

@@ -1,4 +1,4 @@
-//! The order in which files are taken.
+//! The order of reading files.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -172,7 +172,7 @@ fn robots_are_served_in_turn_and_not_by_their_place_in_the_alphabet() {
         let Some(due) = folder.settled(&[]) else { break };
         taken.push(due.path.display().to_string());
         folder.schedule.close(&due, Closing::Taken);
-        // what comes later waits behind those that wait
+        // files that arrive later wait after the waiting ones
         if at == 4 {
             folder.write("b5", 10);
         }

@@ -1,4 +1,4 @@
-//! Recordings whose starts cannot be right: they are named, and left out where they are out of order.
+//! Recordings with implausible starts: they are reported, and excluded if they are out of order.
 
 use jiff::Timestamp;
 
@@ -9,33 +9,33 @@ use armwatch_model::run::RunKind;
 use armwatch_model::run::arrival::{Arrival, DateProblem, ImplausibleDate, implausible_dates};
 use armwatch_store::{DatedRun, StaleRobot};
 
-/// Recordings that a message names.
+/// Most recordings that a message names.
 const MOST_NAMED: usize = 3;
 
-/// So many tests that arrived last and are all left out leave a robot unwatched.
+/// A robot is unwatched if this many of its latest arrived tests are all excluded.
 const UNWATCHED: usize = 3;
 
-/// A recording whose start cannot be right.
+/// A recording with an implausible start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Misdated {
     run: DatedRun,
     date: ImplausibleDate,
-    /// Latest start of those that count and that had arrived before: its place in the history.
+    /// Latest start of the included recordings that had arrived before: its place in the history.
     place: Timestamp,
 }
 
-/// What is found of the starts of a robot's recordings.
+/// The result of checking the starts of a robot's recordings.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct JudgedDates {
     misdated: Vec<Misdated>,
-    /// Number of latest tests that are all set aside.
+    /// Number of latest tests that are all excluded.
     tests_left_out: usize,
-    /// Whether recordings left the history or came back, so that it has to be read again.
+    /// True if recordings left the history or came back, so that it must be read again.
     pub(super) changes_history: bool,
 }
 
 impl Pipeline {
-    /// Judges the starts of a robot's recordings, and stores what is new.
+    /// Checks the starts of a robot's recordings, and stores the changes.
     ///
     /// # Errors
     /// Those of the store.
@@ -90,7 +90,7 @@ impl Pipeline {
         if found.iter().all(Option::is_none) {
             return found;
         }
-        // times of files can only speak for a start, unless it follows from them
+        // the time of a file is evidence for a start only if the start does not follow from it
         for (arrival, run) in arrivals.iter_mut().zip(runs) {
             arrival.file_time = run.file_time.filter(|_| self.config.names_start(robot, &run.source_name));
         }
@@ -112,7 +112,7 @@ impl JudgedDates {
             DateProblem::SameStart(_) => 0.0,
         };
         let most = self.misdated.iter().map(days).fold(0.0, f64::max);
-        // nothing else tells a person that alarms cannot open any more
+        // no other message reports that alarms cannot open any more
         let severity = if self.is_unwatched() { Severity::Warning } else { Severity::Info };
         Some(Anomaly {
             joint: None,

@@ -1,13 +1,15 @@
-//! What follows from a robot's whole history: fits over its runs, its friction map, what production is held
-//! against, anomalies and health.
+//! Conclusions from a robot's whole history: fits over its runs, its friction map, the reference of its production,
+//! anomalies and health.
 //!
-//! Conclusions are drawn after one run or after many: a backlog of a thousand exports is not judged a thousand times. The database
-//! knows which robots wait for it, so that nothing is forgotten if the program ends in between.
+//! Conclusions are drawn after one run or after many, so that a backlog of a thousand exports does not need a thousand
+//! conclusions. The database knows which robots wait for conclusions, so that none is forgotten if the program ends in
+//! between.
 //!
-//! Reading and computing are done without a lock, in two steps with a short transaction each: first the figures that detectors
-//! compare (indices, checks of production), then the findings. Each transaction verifies that the history is still the one that
-//! was read. If it is not, the history is read again, so that no older reading is stored over a newer one. If another program has
-//! stored the same conclusions, nothing is written. Events of anomalies are therefore stored once.
+//! Reading and computing need no lock. They take two steps with a short transaction each: first the values that
+//! detectors compare (indices, checks of production), then the findings. Each transaction verifies that the history is
+//! still the one that was read. If it is not, the history is read again, so that no older reading is stored over a
+//! newer one. If another program has stored the same conclusions, nothing is written. Events of anomalies are therefore
+//! stored once.
 
 use std::collections::HashSet;
 
@@ -22,15 +24,15 @@ use armwatch_method::friction::points::level_means::nearest_level;
 use armwatch_model::anomaly::{JointHealth, Knowledge};
 use armwatch_store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
 
-/// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
+/// In a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that the wait for them
 /// stays short.
 pub const RUNS_AT_ONCE: usize = 12;
 
-/// A history that changes while conclusions are computed is read again so often at most. A run takes minutes and
-/// conclusions seconds, so that two changes in a row are rare; the robot stays stale beyond that.
+/// Most readings of a history that changes during the computation. A run takes minutes and conclusions take seconds, so
+/// that two changes in a row are rare; after this many readings the robot stays stale.
 const MOST_READINGS: usize = 4;
 
-/// What the history of a robot says that it did not say before.
+/// New conclusions from a robot's history.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Concluded {
     /// The robot.
@@ -48,7 +50,7 @@ impl Pipeline {
     /// Those of the store.
     pub async fn conclude(&self) -> Result<Vec<Concluded>, PipelineError> {
         let mut concluded = Vec::new();
-        // conclusions of one robot may be news for others of its model, and these for no one
+        // conclusions of one robot may change those of others of its model, but the latter change no others
         for _ in 0..2 {
             for robot in self.store.stale_robots().await? {
                 concluded.extend(self.conclude_robot(&robot).await?);
@@ -69,9 +71,9 @@ impl Pipeline {
         }
     }
 
-    /// `None` if another program has drawn the same conclusions meanwhile.
+    /// Returns `None` if another program has drawn the same conclusions in the meantime.
     async fn conclude_robot(&self, robot: &StaleRobot) -> Result<Option<Concluded>, PipelineError> {
-        // of two at once, the one that has read less must not be the later to write
+        // of two concurrent writers, the one that has read less must not write last
         let _turn = self.concluding.lock().await;
         let mut history = robot.history;
         for _ in 1..MOST_READINGS {
@@ -86,8 +88,8 @@ impl Pipeline {
         }
     }
 
-    /// Draws conclusions from the history that had changed `history` times. If a run of the robot ended while they were
-    /// computed, in this program or another one, they are stored only if `in_any_case`; the robot stays stale then.
+    /// Draws conclusions from the history at change count `history`. If a run of the robot ended during the
+    /// computation, in this program or another one, they are stored only if `in_any_case`; the robot stays stale then.
     async fn conclude_from(
         &self,
         robot: &StaleRobot,
@@ -99,14 +101,14 @@ impl Pipeline {
             let now = self.store.conclude(robot.robot_id).await?.history().await?;
             return Ok(HistoryOutcome::Overtaken(now));
         }
-        // no conclusion compares figures of two estimators
+        // no conclusion compares results of two estimators
         let history = match self.reweight_robot(robot.robot_id).await? {
             true => self.store.conclude(robot.robot_id).await?.history().await?,
             false => history,
         };
         let levels = self.store.latest_warm_levels(robot.robot_id).await?;
         let reference = self.config.analysis.reference_speed_fraction;
-        // that of the latest warm friction, the reference itself without one
+        // the level of the latest friction index, or the reference speed without one
         let level = nearest_level(levels.into_iter(), reference).unwrap_or(reference);
         let over_tests = self.store.friction_history(robot.robot_id, level, METHOD).await?;
         let points = over_tests.points();
@@ -128,7 +130,7 @@ impl Pipeline {
         if now != history && !in_any_case {
             return Ok(HistoryOutcome::Overtaken(now));
         }
-        // a test that has changed meanwhile gave parameters that nobody stores any more
+        // a test that has changed in the meantime gave parameters that are no longer stored
         if now == history {
             for (run_id, checks) in &settled {
                 figures.settle_production(*run_id, checks).await?;
@@ -151,7 +153,7 @@ impl Pipeline {
                 of.because
             );
         }
-        // a test that was completed since then has no index yet
+        // a test completed in the meantime has no index yet
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
         let (known, settings) = (in_any_case.then_some(&known), &self.config.detect);
         let tests =
@@ -200,10 +202,10 @@ impl Pipeline {
     }
 }
 
-/// What came of reading a history and concluding from it.
+/// The result of reading a history and drawing conclusions from it.
 enum HistoryOutcome {
-    /// Conclusions are stored, by this program or another one, for which there is nothing to tell.
+    /// Conclusions are stored, by this program or by another one that reports them.
     Done(Option<Concluded>),
-    /// The history has changed meanwhile, so many times in all.
+    /// The history has changed in the meantime; the total number of its changes.
     Overtaken(i64),
 }

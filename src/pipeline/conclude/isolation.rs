@@ -1,5 +1,5 @@
-//! Conclusions of one robot that fail concern that robot alone: they are written down with their reason, and the
-//! others go on.
+//! If the conclusions of one robot fail, only that robot is affected: the reason is stored, and the other robots
+//! continue.
 
 use tokio::task::JoinError;
 
@@ -7,25 +7,25 @@ use super::history::Concluded;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use armwatch_store::{Attempt, AttemptKind, AttemptOn, ClaimKind, StoreError, wait_for_quiet};
 
-/// What came of drawing conclusions.
+/// The result of drawing conclusions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Conclusion {
     /// They are stored.
     Drawn(Concluded),
-    /// What is stored is as new as the history.
+    /// The stored conclusions are as new as the history.
     UpToDate,
-    /// They cannot be drawn from this history; the robot is marked with the reason.
+    /// They fail for this history; the robot's row gives the reason.
     Faulty(String),
     /// Another daemon draws them.
     Elsewhere,
 }
 
 impl Pipeline {
-    /// As [`Pipeline::conclude_named`]; values that the database refuses and panics are written down as a fault of
-    /// this robot and are said once in the log.
+    /// Like [`Pipeline::conclude_named`], but values that the database refuses and panics are stored as a fault of this
+    /// robot and logged once.
     ///
     /// # Errors
-    /// Those of the store that concern every robot, such as a full disk, and a lock that stays.
+    /// Those of the store that affect every robot, such as a full disk, and a lock that stays.
     pub async fn conclude_isolated(&self, robot: &str) -> Result<Conclusion, PipelineError> {
         if !self.store.claim_work(ClaimKind::Robot, robot).await? {
             return Ok(Conclusion::Elsewhere);
@@ -61,7 +61,7 @@ impl Pipeline {
     }
 }
 
-/// Why no conclusions are drawn that the program did not survive.
+/// The reason for drawing no conclusions that have crashed the program.
 const SPENT: &str = concat!(
     "drawing conclusions has ended the program three times; version ",
     env!("CARGO_PKG_VERSION"),
@@ -69,7 +69,8 @@ const SPENT: &str = concat!(
 );
 
 impl Pipeline {
-    /// Counts an attempt at conclusions before they are drawn. `subject` is the robot, or the test that is being written.
+    /// Counts an attempt at conclusions before they are drawn. `subject` is the robot, or the test that is being
+    /// written.
     pub(super) async fn begin_conclusion(&self, subject: &str) -> Result<Attempt, PipelineError> {
         let next =
             Attempt { number: self.store.failed_attempts(AttemptKind::Conclusion, subject).await? + 1 };
@@ -80,8 +81,8 @@ impl Pipeline {
     }
 }
 
-/// Awaits a future in a task of its own. The inner error is the reason where it fails for what it was given: values
-/// that the database refuses, and panics.
+/// Awaits a future in a separate task. The inner error is the reason if it fails because of its input: values that the
+/// database refuses, and panics.
 async fn isolated<T: Send + 'static>(
     future: impl Future<Output = Result<T, PipelineError>> + Send + 'static,
 ) -> Result<Result<T, String>, PipelineError> {
@@ -95,10 +96,10 @@ async fn isolated<T: Send + 'static>(
     }
 }
 
-/// What a task that has panicked says of it.
+/// The message of a task that has panicked.
 ///
 /// # Errors
-/// The end of a task that has not: the program is ending.
+/// The end of a task that has not panicked: the program is ending.
 pub fn panic_reason(error: JoinError) -> Result<String, PipelineError> {
     let panic = error.try_into_panic().map_err(PipelineError::from)?;
     let said = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());

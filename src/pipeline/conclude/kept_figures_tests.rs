@@ -1,4 +1,4 @@
-//! Findings from stored summaries and kept judgements are those of the tables, whatever changes.
+//! Findings from stored summaries and kept evaluations equal those from the tables, after any change.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use armwatch_method::detect::window::Lengths;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{AnomalyKind, Findings};
 
-/// Values that are no numbers equal nothing, so that findings are compared as text.
+/// Findings as text, for comparison: NaN equals nothing.
 fn said(findings: &Findings) -> Vec<String> {
     let anomalies = findings.anomalies.iter().map(|of| format!("{of:?}"));
     let health = findings.health.iter().map(|of| format!("{of:?}"));
@@ -40,7 +40,8 @@ async fn findings_from_kept_figures_are_those_of_the_tables_whatever_changes() {
     assert_eq!(said(&first.findings), said(&from_tables(&store).await));
     assert_eq!(first.recomputed, 40, "nothing was kept");
     assert_eq!(from_kept(&store).await.recomputed, 0);
-    // tests of the robot have odd keys, its latest is 79; cycles and their rows change together, as the program writes them
+    // tests of the robot have odd keys, its latest is 79; cycles and their rows change together, as the program writes
+    // them
     let day = 86_400_000_000_i64;
     let with_cycles = |change: &str, runs: &str| {
         format!("{change}; UPDATE cycle SET estimator = estimator WHERE run_id {runs}")
@@ -97,7 +98,7 @@ async fn findings_from_kept_figures_are_those_of_the_tables_whatever_changes() {
         let found = from_kept(&store).await;
         let expected = from_tables(&store).await;
         assert_eq!(said(&found.findings), said(&expected), "{what}");
-        // the changed test, and the seven behind it, whose parameters are judged with its own
+        // the changed test, and the seven after it, whose parameters are evaluated together with its own
         assert!(place > 0 || found.recomputed == 8, "{what}: {} tests were judged again", found.recomputed);
         kinds.extend(expected.anomalies.iter().map(|of| of.kind));
         assert_eq!(said(&from_kept(&store).await.findings), said(&expected), "{what}, once more");

@@ -1,9 +1,9 @@
-//! What a test shows while it is still being written.
+//! Conclusions on a test that is still being written.
 //!
-//! It is judged after each stored cycle, against the robot's complete tests. What is found is stored in a transaction
-//! of its own that follows the one of the cycle. Nothing is lost if the program ends in between: the judgement follows
-//! from stored cycles alone, and is made again with the next cycle, when the file is opened again, or with the whole
-//! test. The complete tests are read once for each test that is written; a cycle costs its own figures only.
+//! They are drawn after each stored cycle, in comparison with the robot's complete tests. They are stored in a separate
+//! transaction after that of the cycle. Nothing is lost if the program ends in between: they depend on stored cycles
+//! alone, and are drawn again with the next cycle, when the file is opened again, or with the whole test. The complete
+//! tests are read once per test that is written; each cycle reads its own values only.
 
 use std::sync::{Arc, PoisonError};
 use std::time::Instant;
@@ -21,22 +21,22 @@ use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, RunSummary};
 use armwatch_store::{AttemptKind, OpenTest};
 
-/// Robots whose complete tests are kept for a test that is being written, a megabyte each at most.
+/// Robots whose complete tests are cached for a test that is being written, a megabyte each at most.
 const MOST_KEPT: usize = 16;
 
-/// What came of judging a test that is still being written.
+/// The result of evaluating a test that is still being written.
 #[derive(Debug, Clone, PartialEq)]
 pub enum OpenConclusion {
-    /// Something happened to anomalies.
+    /// Anomalies have changed.
     Drawn(Concluded),
-    /// There is nothing new to say, or the test is not open any more.
+    /// There is nothing new, or the test is complete.
     Quiet,
     /// Conclusions from the complete tests come first.
     Waits,
 }
 
 impl Pipeline {
-    /// Judges a test that is still being written by the cycles that are stored of it.
+    /// Evaluates a test that is still being written, from its stored cycles.
     ///
     /// # Errors
     /// Those of the store, and panics as [`PipelineError::Task`].
@@ -44,7 +44,7 @@ impl Pipeline {
         let _turn = self.concluding.lock().await;
         let begun = Instant::now();
         let Some(test) = self.store.open_test(run_id).await? else { return Ok(OpenConclusion::Quiet) };
-        // an old recording that is copied slowly says nothing of today
+        // a slowly copied old recording contains no news of the present
         if test.cycles == 0 || !test.is_latest {
             return Ok(OpenConclusion::Quiet);
         }
@@ -61,7 +61,7 @@ impl Pipeline {
         judged
     }
 
-    /// Judges a test that is the latest of its robot.
+    /// Evaluates a test that is the latest of its robot.
     async fn judge_open(&self, test: OpenTest, begun: Instant) -> Result<OpenConclusion, PipelineError> {
         let run_id = test.run_id;
         let usual = self.usual_of(&test).await?;
@@ -97,7 +97,7 @@ impl Pipeline {
         Ok(OpenConclusion::Drawn(Concluded { robot: test.robot, new_anomalies, events }))
     }
 
-    /// As [`Pipeline::conclude_open`]; a panic is said in the log and concerns this test alone, which is judged as a
+    /// Like [`Pipeline::conclude_open`], but a panic is logged and affects this test alone, which is evaluated as a
     /// whole when it is complete.
     ///
     /// # Errors

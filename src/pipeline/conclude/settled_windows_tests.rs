@@ -1,4 +1,4 @@
-//! The settled part of a long history stays as it is until a person opens it.
+//! The settled part of a long history is unchanged until a person opens it.
 
 use std::path::Path;
 
@@ -13,12 +13,12 @@ use armwatch_store::{AlarmAction, AlarmState, NewMaintenance, Reconciled};
 /// Windows so short that a hundred tests have several.
 const SHORT: Lengths = Lengths { step: 30, lead: 15, head: 10, around: 6 };
 
-/// Values that are no numbers equal nothing, so that anomalies are compared as text.
+/// Anomalies as text, for comparison: NaN equals nothing.
 fn said<'a>(anomalies: impl IntoIterator<Item = &'a Anomaly>) -> Vec<String> {
     anomalies.into_iter().map(|of| format!("{of:?}")).collect()
 }
 
-/// Stores findings; what happened to anomalies.
+/// Stores findings; returns the changes of anomalies.
 async fn reconcile(store: &Database, found: &WindowFindings) -> Reconciled {
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
@@ -56,7 +56,7 @@ async fn boundaries(store: &Database) -> i64 {
     count(store, "SELECT count(*) FROM settled_history").await
 }
 
-/// All anomalies that are stored of a robot, without their numbers and what has settled them.
+/// All stored anomalies of a robot, without their numbers and the boundary that settled them.
 async fn stored(store: &Database) -> Vec<String> {
     sqlx::query_scalar(
         "SELECT concat_ws(' ', joint, kind, quantity, severity, score, value, baseline, peak_score, first_run_id, first_cycle,
@@ -75,7 +75,7 @@ async fn synthetic(runs: u32, cycles: u32) -> (tempfile::TempDir, Database) {
     (folder, store)
 }
 
-/// A load in these tests.
+/// A load alarm in these tests.
 async fn load(store: &Database, first: i64, last: i64) {
     let statement = format!(
         "UPDATE parameter_statistic SET mean = mean * 1.05 WHERE run_id BETWEEN {first} AND {last};
@@ -90,12 +90,12 @@ async fn what_is_settled_stays_until_a_person_opens_it() {
     load(&store, 40, 44).await;
     load(&store, 90, 160).await;
     short(&store).await;
-    // boundaries at 30, 60, 90, 120: thirty tests are behind each
+    // boundaries at 30, 60, 90, 120: thirty tests are after each
     assert_eq!((boundaries(&store).await, settled_runs(&store, RunKind::Test).await), (4, 120));
     assert!(short(&store).await.settled.is_empty());
     let before = stored(&store).await;
     let day = 86_400_000_000_i64;
-    // a settled fault vanishes, a test goes, one comes late, and other settings
+    // delete a settled fault and a test, insert a late test, and change settings
     for statement in [
         "UPDATE parameter_statistic SET mean = mean / 1.05 WHERE run_id BETWEEN 40 AND 44;
          UPDATE cycle SET estimator = estimator WHERE run_id BETWEEN 40 AND 44"
@@ -111,7 +111,7 @@ async fn what_is_settled_stays_until_a_person_opens_it() {
     let other = DetectSettings { false_alarms_per_robot_year: 5.0, ..DetectSettings::default() };
     assert!(conclude(&store, &other, &SHORT).await.0.settled.is_empty());
     assert_eq!(stored(&store).await, before);
-    // opened from a test between the first boundary and the runs that it follows from
+    // opened from a test between the first boundary and the runs that determine it
     let robots = store.reopen_history(Some("S001"), start(&store, 50).await).await.expect("opened");
     assert_eq!((robots, boundaries(&store).await), (vec!["S001".to_owned()], 0));
     let again = short(&store).await;
@@ -123,7 +123,7 @@ async fn what_is_settled_stays_until_a_person_opens_it() {
     let at_once = short(&store).await;
     assert_eq!(said(&at_once.findings.anomalies), said(&again.findings.anomalies));
     assert_eq!(stored(&store).await, after);
-    // boundaries that follow from earlier tests alone stay
+    // boundaries that depend only on earlier tests stay
     store.reopen_history(None, start(&store, 125).await).await.expect("opened");
     assert_eq!(boundaries(&store).await, 3);
     assert_eq!(short(&store).await.settled.len(), 1);
@@ -213,7 +213,7 @@ async fn settled_production_stays_until_a_person_opens_it() {
     let (_folder, store) = fresh().await;
     let size = armwatch_store::SyntheticSize { robots: 1, runs: 60, cycles: 1, logs: 3 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
-    // friction by the summaries alone; logs have the numbers from 61 on, three behind each test
+    // friction from the summaries alone; logs have the numbers from 61 on, three after each test
     change(&store, "DELETE FROM log_evidence").await;
     let worn = |first: i64, last: i64, by: f64| {
         format!(
@@ -224,7 +224,7 @@ async fn settled_production_stays_until_a_person_opens_it() {
     change(&store, &worn(85, 93, 0.5)).await;
     change(&store, &worn(140, 240, 0.5)).await;
     let (first, reconciled) = conclude_work(&store).await;
-    // boundaries at 30, 60, 90, 120, 150: thirty logs are behind each, and thirty more behind the last
+    // boundaries at 30, 60, 90, 120, 150: thirty logs are after each, and thirty more after the last
     assert_eq!((boundaries(&store).await, settled_runs(&store, RunKind::Production).await), (5, 150));
     assert!(reconciled.events.iter().any(|event| event.what.name() == "opened"));
     assert!(first.settled.iter().any(|of| !of.ended.is_empty()), "wear that was over");
@@ -265,7 +265,7 @@ async fn a_conclusion_reads_so_many_logs_and_no_more() {
         read.push(logs);
     }
     assert_eq!(read[0], 480);
-    // those of the lead and behind it, and of each test before the first six
+    // those of the lead and after it, and of each test before the first six
     assert!(read[1] <= 125 + 499 + 24 * 6 && read[2] <= 125 + 499 + 24 * 6, "{read:?}");
 }
 
@@ -292,7 +292,7 @@ async fn a_settled_anomaly_keeps_its_number_and_what_people_said() {
     }
     let all = known().await.expect("anomalies");
     assert_eq!(all.len(), 3, "{events:?}");
-    // the second came back soon and took eight quiet tests to end, the last goes on
+    // the second came back soon and needed eight quiet tests to end, the last is still open
     let expected = [(first, "ended"), (all[1], "opened"), (all[1], "ended"), (all[2], "opened")];
     let of_loads: Vec<(i64, &str)> = events.into_iter().filter(|(id, _)| all.contains(id)).collect();
     assert_eq!(of_loads, expected);
@@ -306,7 +306,7 @@ async fn a_settled_anomaly_keeps_its_number_and_what_people_said() {
     let resolved = AlarmState::Resolved.name().to_owned();
     let settled = (resolved, true, false);
     assert_eq!(states, [settled.clone(), settled, (AlarmState::Open.name().into(), false, false)]);
-    // judged from the first test on, they are what they were, and nothing is told
+    // evaluated from the first test on, they are unchanged, and no event is reported
     change(&store, "DELETE FROM settled_history").await;
     assert_eq!(count(&store, "SELECT count(*) FROM anomaly WHERE settled_history_id IS NOT NULL").await, 0);
     let (_, reconciled) = conclude(&store, &DetectSettings::default(), &SHORT).await;
@@ -328,12 +328,12 @@ async fn a_conclusion_reads_so_many_tests_and_no_more() {
         assert!(then.settled.is_empty() && then.recomputed == 0);
         read.push(then.runs);
     }
-    // all of a short history; of a longer one the first tests of the epoch and the last one with figures before those that lead
-    // in, these, and those behind the boundary
+    // all tests of a short history; of a longer one, the first tests of the epoch, the last one with values before the
+    // lead, the lead, and the tests after the boundary
     assert_eq!(read, [999, 700 + 250 + 64 + 1, 700 + 250 + 64 + 1]);
 }
 
-/// Findings of a robot of which nothing is settled are told as they always were.
+/// Findings of a robot without settled history are reported as before.
 #[tokio::test]
 async fn a_short_history_is_judged_as_a_whole() {
     let (_folder, store) = synthetic(70, 3).await;

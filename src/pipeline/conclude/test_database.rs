@@ -1,4 +1,4 @@
-//! A database for tests that conclude, with a connection of their own to change its rows, and a check of kept summaries.
+//! A database for tests of conclusions, with a separate connection to change its rows, and a check of kept summaries.
 
 use std::ops::Deref;
 
@@ -11,7 +11,7 @@ use armwatch_store::Store;
 /// A store, and rows behind it.
 pub(super) struct Database {
     store: Store,
-    /// Connections beside those of the store.
+    /// Connections in addition to those of the store.
     pub(super) rows: SqlitePool,
 }
 
@@ -47,12 +47,12 @@ pub(super) async fn change(database: &Database, statement: &str) -> u64 {
     done.unwrap_or_else(|error| panic!("{statement}: {error}")).rows_affected()
 }
 
-/// The number that a statement asks for.
+/// The number that a query returns.
 pub(super) async fn count(database: &Database, statement: &'static str) -> i64 {
     sqlx::query_scalar(statement).fetch_one(&database.rows).await.expect("a count")
 }
 
-/// Checks that the database is sound and no row refers to one that is missing.
+/// Checks that the database is intact and has no dangling references.
 pub(super) async fn assert_sound(database: &Database) {
     let dangling = sqlx::query("PRAGMA foreign_key_check").fetch_all(&database.rows).await.expect("a check");
     assert!(dangling.is_empty(), "{} rows refer to nothing", dangling.len());

@@ -1,6 +1,7 @@
 //! Findings in a window of a history of any length, of tests and of production logs.
 //!
-//! Reading and computing hold no lock of the database. The caller stores the findings if the history has not changed since.
+//! Reading and computing hold no lock of the database. The caller stores the findings if the history has not changed in
+//! the meantime.
 
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
@@ -41,16 +42,17 @@ pub struct WindowFindings {
     pub findings: Findings,
     /// The parts of the history that these findings settle, oldest first.
     pub settled: Vec<NewlySettled>,
-    /// Runs that the detectors had, of all windows.
+    /// Number of runs that the detectors used, in all windows.
     pub runs: usize,
-    /// Tests whose cycles were judged again.
+    /// Number of tests whose cycles were evaluated again.
     pub recomputed: usize,
     /// Time of the detectors.
     pub computing: Duration,
 }
 
-/// Judges the tests of a robot: the window behind the latest boundary and, where so many tests have come since, those behind later
-/// boundaries. `known` are the tests that count; `None` if all do. Nothing is settled while a test is set aside.
+/// Evaluates the tests of a robot: the window after the latest boundary and, if enough tests have arrived since, those
+/// after later boundaries. `known` are the tests that count; `None` if all do. Nothing is settled while a test is set
+/// aside.
 ///
 /// # Errors
 /// Those of the store, and panics of detectors.
@@ -94,7 +96,7 @@ pub async fn judge_tests(
 struct Detected {
     window: TestWindow,
     findings: Findings,
-    /// Judgements that are new, as bytes, by test.
+    /// New evaluations, as bytes, by test.
     judgements: Vec<(i64, Vec<u8>)>,
     recomputed: usize,
     computing: Duration,
@@ -108,7 +110,7 @@ fn detected(window: TestWindow, peers: &[Peer], settings: &DetectSettings) -> De
     Detected { window, findings, judgements, recomputed, computing: began.elapsed() }
 }
 
-/// Judges the production logs of a robot, as [`judge_tests`] its tests.
+/// Evaluates the production logs of a robot, like [`judge_tests`] its tests.
 ///
 /// # Errors
 /// Those of the store, and panics of detectors.

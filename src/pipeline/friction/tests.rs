@@ -26,11 +26,11 @@ const JOINTS: usize = 3;
 const WORN: usize = 2;
 const CYCLE_S: f64 = 300.0;
 const LEVELS: [f64; 3] = [0.2, 0.6, 1.0];
-/// Deviation of an index from its truth that counts as right: three standard errors of a test of three cycles. The wear
-/// that must be found is 0.1.
+/// Deviation of an index from its true value that is accepted: three standard errors of a test of three cycles. The
+/// wear to be detected is 0.1.
 const TOLERANCE: f64 = 0.025;
 
-/// A test on a day: its cycles, and the friction of the worn joint as a multiple of its first.
+/// A test on a day: its cycles, and the friction of the worn joint as a multiple of its initial friction.
 #[derive(Clone, Copy)]
 struct Test {
     day: i64,
@@ -206,7 +206,7 @@ impl Fleet {
     }
 }
 
-/// 12 short trial runs, then a short check a day and a full test each week.
+/// 12 short trial runs, then a short check per day and a full test per week.
 fn year(days: i64, factor: impl Fn(i64) -> f64) -> Vec<Test> {
     let cycles = |day: i64| match day {
         0..12 => 2,
@@ -216,8 +216,8 @@ fn year(days: i64, factor: impl Fn(i64) -> f64) -> Vec<Test> {
     (0..days).map(|day| Test { day, cycles: cycles(day), factor: factor(day) }).collect()
 }
 
-/// A year: wear of 10 % until a repair on day 211, after which the new gearbox has a fifth less friction, and from day
-/// 287 on a corrected torque constant, by which all torques grow by a tenth.
+/// A year: wear of 10 % until a repair on day 211. The new gearbox has a fifth less friction. A corrected torque
+/// constant from day 287 on increases all torques by a tenth.
 #[tokio::test]
 async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
     const REPAIR: i64 = 211;
@@ -347,7 +347,7 @@ async fn a_late_test_inside_a_baseline_forms_it_anew_and_the_audit_says_so() {
     let of_joint: Vec<Option<String>> =
         changes.into_iter().filter(|row| row.joint.index() == 0).map(|row| row.replaced_because).collect();
     assert_eq!(of_joint, [Some("run 6 came later and was recorded before its last one".to_owned()), None]);
-    // an entry that was wrong is taken back, and all is as before
+    // a wrong entry is removed, which restores the previous state
     let before = fleet.indices(0).await;
     let entry = fleet.repair(0, 3).await;
     fleet.conclude().await;

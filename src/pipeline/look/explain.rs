@@ -1,5 +1,5 @@
-//! What would become of an export, without storing anything: recognition, reading, cutting and analysis as
-//! in ingestion, on a database that is only looked at.
+//! Explains how the daemon would treat an export, without storing anything: recognition, reading, cutting and analysis
+//! as in ingestion, with read-only access to the database.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -30,7 +30,7 @@ use armwatch_model::run::arrival::{Arrival, implausible_dates};
 use armwatch_model::run::{ContentHash, Cycle, Samples, Stage};
 use armwatch_store::{KnownRun, Store};
 
-/// Everything that is known of an export before it is stored.
+/// All results about an export before it is stored.
 #[derive(Debug, Clone)]
 pub struct Explanation {
     /// The file.
@@ -39,54 +39,54 @@ pub struct Explanation {
     pub bytes: u64,
     /// Time since it was last written, s; negative by a clock that is ahead.
     pub age_s: Option<f64>,
-    /// Whose it is; a rejection where the name does not say.
+    /// Robot and entry of the export; a rejection if the name does not give them.
     pub recognised: Option<RecognisedAs>,
-    /// What is in it, as far as it can be read; `None` if it is nobody's.
+    /// Contents of the export as far as it is readable; `None` if it belongs to no robot.
     pub reading: Option<ExportReading>,
     /// Why it would be quarantined.
     pub rejection: Option<Rejection>,
-    /// What is odd about its robot's name and its start.
+    /// Doubts about its robot's name and its start.
     pub doubts: Vec<String>,
-    /// What the database has of its content.
+    /// The database's record of its content.
     pub ledger: Ledger,
-    /// What would be done with it.
+    /// The treatment that it would get.
     pub next: NextAction,
 }
 
-/// Whose an export is, and why.
+/// The robot that an export belongs to, and the reason.
 #[derive(Debug, Clone)]
 pub struct RecognisedAs {
     /// The individual robot.
     pub robot: String,
     /// Start of the recording.
     pub started_at: Timestamp,
-    /// Whether the file's name says the start; otherwise it lies the recording's duration before the file was last
-    /// written.
+    /// True if the file's name gives the start. Otherwise the start is the file's modification time minus the
+    /// recording's duration.
     pub named_start: bool,
-    /// Pattern of file names that matched; `None` where the name as a whole is the robot's.
+    /// Pattern of file names that matched; `None` if the whole name is the robot's.
     pub pattern: Option<String>,
     /// The configuration's entry.
     pub entry: FleetEntry,
 }
 
-/// What is in an export.
+/// Contents of an export.
 #[derive(Debug, Clone)]
 pub struct ExportReading {
-    /// Identity of the content, where all of it could be read.
+    /// Identity of the content, if all of it was readable.
     pub content: Option<ContentHash>,
-    /// Where each channel stands, if the header is understood.
+    /// Column of each channel, if the header is understood.
     pub columns: Option<ColumnMap>,
     /// Rows read.
     pub rows: u64,
     /// Time from the first to the last row, s.
     pub duration: f64,
-    /// Rows per second, Hz; zero where it is unknown.
+    /// Rows per second, Hz; zero if unknown.
     pub sample_rate: f64,
-    /// A last line that is left out, because the writer did not get to its end.
+    /// The last line, omitted because the writer did not complete it.
     pub left_out: Option<LeftOut>,
-    /// Bad rows that are passed over.
+    /// Bad rows that are skipped.
     pub passed_over: PassedOver,
-    /// What is understood although it is not as it should be.
+    /// Deviations from the layout that are understood nevertheless.
     pub mended: Mended,
     /// Rows of slower channels.
     pub filled: Filled,
@@ -107,7 +107,7 @@ pub struct CycleSketch {
     pub rows: usize,
     /// Rows and time by stage, those between stages first.
     pub stages: [StagePart; 4],
-    /// What the analysis finds, without factors; `None` if none was asked for.
+    /// The result of the analysis, without factors; `None` if no analysis was requested.
     pub analysis: Option<CycleAnalysis>,
 }
 
@@ -122,12 +122,12 @@ pub struct StagePart {
     pub seconds: f64,
 }
 
-/// What the database has of a content.
+/// The database's record of a content.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Ledger {
     /// There is no database yet.
     NoDatabase,
-    /// It cannot be looked into, for this reason.
+    /// It cannot be read, for this reason.
     Unreadable(String),
     /// Nothing.
     Unknown,
@@ -135,17 +135,17 @@ pub enum Ledger {
     Known(KnownRun),
 }
 
-/// What the daemon would do with an export.
+/// The daemon's next action for an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NextAction {
     /// Store it as a run.
     Store {
-        /// It goes on with this unfinished, shorter or corrected run.
+        /// The unfinished, shorter or corrected run that the export continues.
         continues: Option<i64>,
-        /// It takes the place of this run, whose file it was written over.
+        /// The run that it supersedes, whose file it overwrote.
         replaces: Option<i64>,
     },
-    /// Nothing: its content is stored as this run.
+    /// Nothing: this run already has its content.
     Nothing {
         /// The run.
         run_id: i64,
@@ -154,17 +154,17 @@ pub enum NextAction {
     Quarantine,
 }
 
-/// Looks at exports.
+/// Explains exports.
 #[derive(Debug)]
 pub struct Explainer {
     config: Arc<Config>,
-    /// On the database as it is; why there is none otherwise.
+    /// The pipeline on the existing database, or the reason why there is none.
     pipeline: Result<Pipeline, Ledger>,
     methods: Vec<Arc<Method>>,
 }
 
 impl Explainer {
-    /// With the database of `config`, if there is one.
+    /// Creates an explainer with the database of `config`, if there is one.
     pub async fn new(config: Arc<Config>) -> Self {
         let pipeline = match Store::open_existing_as(&config.database, &config.cluster).await {
             Ok(Some(store)) => Ok(Pipeline::new(Arc::clone(&config), store)),
@@ -174,10 +174,10 @@ impl Explainer {
         Self { config, pipeline, methods: Vec::new() }
     }
 
-    /// Looks at one export; analyses its cycles unless `quick`.
+    /// Explains one export; analyses its cycles unless `quick`.
     ///
     /// # Errors
-    /// [`PipelineError`] of the database, or of a task that panicked. A bad export is an answer.
+    /// [`PipelineError`] of the database, or of a task that panicked. A bad export is a result, not an error.
     pub async fn explain(&mut self, path: &Path, quick: bool) -> Result<Explanation, PipelineError> {
         let recognised = intake::recognise(&self.config, path, intake::file_time(path));
         let (mut recognised, mut rejection) = match recognised {
@@ -233,7 +233,7 @@ impl Explainer {
         }
     }
 
-    /// The structure analysis of a robot; `None` if it has none, which reading then does not need.
+    /// The structure analysis of a robot; `None` if it has none, and reading does not need one then.
     async fn method(&mut self, robot: &Arc<Robot>) -> Result<Option<Arc<Method>>, PipelineError> {
         if let Some(known) = self.methods.iter().find(|method| method.robot == **robot) {
             return Ok(Some(Arc::clone(known)));
@@ -245,7 +245,7 @@ impl Explainer {
         Ok(made)
     }
 
-    /// What the database says of the content, and what follows.
+    /// The database's record of the content, and the next action.
     async fn ledger(&self, path: &Path, rejected: bool) -> Result<(Ledger, NextAction), PipelineError> {
         let new = NextAction::Store { continues: None, replaces: None };
         let unless_rejected = |next: NextAction| if rejected { NextAction::Quarantine } else { next };
@@ -277,7 +277,7 @@ impl Explainer {
     }
 }
 
-/// What is odd about the robot's name and the start of an export, beside the runs that are stored.
+/// Doubts about the robot's name and the start of an export, in view of the stored runs.
 async fn doubts_of(
     pipeline: &Pipeline,
     path: &Path,
@@ -330,8 +330,8 @@ fn age(modified: SystemTime) -> f64 {
     }
 }
 
-/// Reads an export by a layout that no configuration has yet, and analyses its cycles if `is_analysed` and the arm's
-/// description permits it. With what was read comes the fault that ended it.
+/// Reads an export with a layout that is not in the configuration yet. Analyses its cycles if `is_analysed` and the
+/// robot's description permits it. Returns the contents together with the fault that ended reading, if any.
 #[must_use]
 pub fn try_layout(
     path: &Path,
@@ -402,7 +402,7 @@ fn read_into(
 }
 
 impl ExportReading {
-    /// Adds the cycles that the rows pushed so far end.
+    /// Adds the cycles that end within the rows pushed so far.
     fn sketch(&mut self, cutter: &mut RowCutter, work: Option<&CycleWork>) -> Result<(), Rejection> {
         while let Some(cycle) = cutter.next_cycle()? {
             self.cycles.push(sketch(&cycle, work));
@@ -414,7 +414,7 @@ impl ExportReading {
 fn sketch(cycle: &Cycle, work: Option<&CycleWork>) -> CycleSketch {
     let samples = &cycle.samples;
     let ends = samples.time.first().zip(samples.time.last());
-    // an hour's factors are of no use here
+    // the factors of an hour are not needed here
     let analysis = work.map(|work| CycleAnalysis { factors: CycleFactors::default(), ..work.analyse(cycle) });
     CycleSketch {
         cycle: cycle.number,

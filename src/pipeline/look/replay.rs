@@ -1,4 +1,4 @@
-//! One cycle of a stored run once more, from its export: what the database does not keep.
+//! Reads one cycle of a stored run again from its export, for data that the database does not contain.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -20,22 +20,22 @@ use armwatch_model::run::Cycle;
 use armwatch_model::text;
 use armwatch_store::{CycleState, RunSource, Store, StoreError, description_hash};
 
-/// Why a cycle cannot be looked at again.
+/// Why a cycle cannot be read again.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Run or cycle are not stored, or what they need is not at hand.
+    /// Run or cycle are not stored, or data that they need is unavailable.
     #[error("{0}")]
     Refused(String),
-    /// The export is not where it was, or is another one.
+    /// The export is not at its path, or is another one.
     #[error("{0}")]
     Source(String),
-    /// The export is not understood as it was.
+    /// The export is no longer understood.
     #[error("{0}")]
     Rejected(#[from] Rejection),
-    /// The numbers cannot be had.
+    /// The numbers cannot be computed.
     #[error(transparent)]
     Numerics(#[from] NumericsError),
     /// A task of the program itself panicked.
@@ -43,12 +43,12 @@ pub enum ReplayError {
     Task(#[from] JoinError),
 }
 
-/// A stored cycle with what reads it again.
+/// A stored cycle with everything needed to read it again.
 #[derive(Debug, Clone)]
 pub struct Replay {
     /// Its run.
     pub run: RunSource,
-    /// What the ledger has of it.
+    /// The ledger's state of it.
     pub cycle: CycleState,
     /// Cut-off of the analysis low-pass, Hz.
     pub cutoff: f64,
@@ -58,8 +58,8 @@ pub struct Replay {
     layout: Arc<Layout>,
 }
 
-/// The export of a run: at `named`, or else at the first of the places where it was seen, or of the configuration's
-/// watched folders, that holds the run's content. The inner error says what was found instead.
+/// The export of a run: at `named`, or else at the first known place of the run, or in the first of the configuration's
+/// watched folders, that has the run's content. The inner error lists the other files at these places.
 ///
 /// # Errors
 /// The end of the task that reads.
@@ -95,7 +95,7 @@ pub async fn export_of(
     }))
 }
 
-/// Where the export of a run may lie.
+/// Possible places of a run's export.
 fn places(run: &RunSource, config: &Config) -> Vec<PathBuf> {
     let watched = config.watch.folders.iter().map(|folder| folder.join(text::to_path(&run.source_name)));
     let mut places = run.paths.clone();
@@ -111,8 +111,8 @@ impl Replay {
     /// Looks up cycle `cycle` of run `run_id`.
     ///
     /// # Errors
-    /// [`ReplayError::Refused`] for an unknown run or cycle, a cycle that could not be filtered, and a
-    /// robot whose description is gone or is another one now.
+    /// [`ReplayError::Refused`] for an unknown run or cycle, a cycle that could not be filtered, and a robot whose
+    /// description is gone or has changed.
     pub async fn find(config: &Config, store: &Store, run_id: i64, cycle: u32) -> Result<Self, ReplayError> {
         let run = store.run_source(run_id).await?.ok_or_else(|| {
             ReplayError::Refused(format!(
@@ -138,22 +138,22 @@ impl Replay {
         Ok(Self { cutoff, cycle: state.clone(), run, robot, layout })
     }
 
-    /// The run's export: at `named`, or else at the first of the places where it was seen, or of the
-    /// configuration's watched folders, that holds the run's content.
+    /// The run's export: at `named`, or else at the first known place of the run, or in the first of the
+    /// configuration's watched folders, that has the run's content.
     ///
     /// # Errors
-    /// [`ReplayError::Source`] if there is none, with what was found instead.
+    /// [`ReplayError::Source`] if there is none, with the other files at these places.
     pub async fn export(&self, config: &Config, named: Option<&Path>) -> Result<PathBuf, ReplayError> {
         let found = export_of(&self.run, config, named).await?;
         found.map_err(|missing| ReplayError::Source(format!("{missing}: give its place with --source FILE")))
     }
 
-    /// Reads the cycle out of `export`, no further than to its end, and applies `parameters` to it.
+    /// Reads the cycle from `export`, no further than its end, and applies `parameters` to it.
     ///
     /// # Errors
-    /// [`ReplayError::Rejected`] if the export is no longer understood, [`ReplayError::Source`] if it
-    /// changes while it is read or its cycles are cut otherwise than they were, [`ReplayError::Numerics`]
-    /// for parameters that the robot does not have.
+    /// [`ReplayError::Rejected`] if the export is no longer understood, [`ReplayError::Source`] if it changes during
+    /// reading or its cycles are cut differently than before, [`ReplayError::Numerics`] for parameters that the robot
+    /// does not have.
     pub async fn torque(
         &self,
         export: &Path,
@@ -178,7 +178,7 @@ impl Replay {
         .await?
     }
 
-    /// Reads the cycle out of `export`, no further than to its end.
+    /// Reads the cycle from `export`, no further than its end.
     ///
     /// # Errors
     /// Those of [`Replay::torque`] about the export.

@@ -1,4 +1,4 @@
-//! Torques of one cycle for a picture: read again from its export, as many rows as a screen shows.
+//! Torques of one cycle for a picture: read again from its export and reduced to the points of a screen.
 
 use super::replay::{Replay, ReplayError};
 use armwatch_config::Config;
@@ -19,11 +19,11 @@ pub struct CycleTorque {
     pub cutoff_hz: f64,
     /// Stages of the cycle in their order.
     pub stages: Vec<StageSpan>,
-    /// One entry a joint.
+    /// One entry per joint.
     pub joints: Vec<JointTorque>,
 }
 
-/// Rows in succession that are of one stage.
+/// Consecutive rows of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageSpan {
     /// The stage.
@@ -39,7 +39,7 @@ pub struct StageSpan {
 pub struct JointTorque {
     /// The joint.
     pub joint: JointIndex,
-    /// Whether it turns or slides, and so the units of its figures.
+    /// Type of the joint, revolute or prismatic, which determines the units of its values.
     pub kind: JointKind,
     /// RMSD over the rows of the whole cycle that count in verification.
     pub rmsd: TorqueRmsd,
@@ -49,17 +49,17 @@ pub struct JointTorque {
     pub velocity_rad_s: Vec<f64>,
     /// Measured torque, Nm (N).
     pub measured_nm: Vec<f64>,
-    /// Torque that the cycle's own parameters give for its motion, Nm (N).
+    /// Torque that the cycle's own parameters predict for its motion, Nm (N).
     pub estimated_nm: Vec<f64>,
-    /// Whether the joint is at its low-speed threshold or faster. At rest the sign of its friction is not known.
+    /// True if the joint's speed is at least its low-speed threshold. The sign of friction is unknown at rest.
     pub moving: Vec<bool>,
 }
 
-/// Torques of cycle `cycle` of run `run_id` with its own parameters, of each joint `points` rows at most, among them the
-/// smallest and largest torques and residuals of each stretch.
+/// Torques of cycle `cycle` of run `run_id` with its own parameters, with at most `points` rows per joint, including
+/// the smallest and largest torques and residuals of each section.
 ///
 /// # Errors
-/// [`ReplayError::Refused`] for a cycle that is not stored or has no parameters, others as [`Replay::export`] and
+/// [`ReplayError::Refused`] for a cycle that is not stored or has no parameters, others as for [`Replay::export`] and
 /// [`Replay::torque`].
 pub async fn cycle_torque(
     config: &Config,

@@ -1,4 +1,4 @@
-//! Databases whose cycles were identified with another estimator than the one that is configured now.
+//! Databases whose cycles were identified with another estimator than the configured one.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -48,7 +48,7 @@ impl Fleet {
         self.folder.path().join(name)
     }
 
-    /// A database of all exports by an estimator, with its conclusions.
+    /// A database of all exports with an estimator, and its conclusions.
     async fn ingested(&self, name: &str, estimator: Estimator) -> PathBuf {
         let path = self.database(name);
         let pipeline = pipeline(&path, estimator).await;
@@ -82,7 +82,7 @@ async fn execute(path: &Path, sql: &str) {
     sqlx::raw_sql(AssertSqlSafe(sql.to_owned())).execute(&mut connection).await.expect("done");
 }
 
-/// What follows from an estimator, by name; errors apart.
+/// Results that depend on an estimator, by name; errors are separate.
 const FIGURES: [&str; 5] = [
     "SELECT run_id || '/' || cycle || '/' || joint || parameter, value FROM cycle_parameters ORDER BY 1",
     "SELECT run_id || '/' || cycle || '/' || joint || stage, moving_relative_rmsd FROM cycle_rmsd
@@ -134,7 +134,7 @@ async fn an_existing_database_comes_out_as_if_it_had_been_read_with_the_new_esti
     let weighted =
         "SELECT count(*) FROM cycles WHERE estimator = 'weighted' AND error_basis = 'independent_rows'";
     assert_eq!(count(&old, weighted).await, cycles);
-    // the rows of the thirds of the warming stage are not stored: they stay, and say whose they are
+    // the rows of the thirds of the warming stage are not stored: their results stay, marked with their estimator
     assert_eq!(count(&old, "SELECT count(*) FROM warming_contrast WHERE estimator <> 'ordinary'").await, 0);
     // errors by the stored shares are those of blocks on average
     let errors = "SELECT run_id || '/' || cycle || '/' || joint || parameter, std_error FROM cycle_parameters
@@ -164,7 +164,7 @@ async fn a_stop_leaves_whole_runs_and_the_rest_follows() {
     let by_run = "SELECT count(*) FROM (SELECT run_id FROM cycles GROUP BY run_id HAVING count(DISTINCT estimator) > 1)";
     assert_eq!(count(&path, by_run).await, 0);
     assert_eq!(count(&path, "SELECT count(*) FROM cycles WHERE estimator = 'weighted'").await, 4);
-    // conclusions do not compare two estimators: they take the rest with them
+    // conclusions never compare two estimators: they convert the remaining cycles
     let concluded = pipeline.conclude().await.expect("conclusions");
     assert!(concluded.iter().all(|of| of.new_anomalies.is_empty()), "{concluded:?}");
     assert_eq!(count(&path, "SELECT count(*) FROM cycles WHERE estimator = 'ordinary'").await, 0);

@@ -27,7 +27,7 @@ pub struct RunCycles {
     pub run_id: i64,
     /// Numbers of the cycles; all of them if `None`.
     pub cycles: Option<Vec<u32>>,
-    /// Whether a person named the run: it is then taken even where none of its cycles counts.
+    /// True if a person named the run: it is then used even if none of its cycles counts.
     pub named: bool,
 }
 
@@ -51,23 +51,23 @@ pub struct ParameterCandidate {
 /// RMSD of one candidate on one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrossVerification {
-    /// Place of the candidate among those given.
+    /// Index of the candidate among those given.
     pub candidate: usize,
     /// The run.
     pub run_id: i64,
     /// By joint and stage, over all cycles of the run together.
     pub rmsd: Vec<TorqueRmsd>,
-    /// The same for each cycle that has factors of its own.
+    /// The same for each cycle that has its own factors.
     pub by_cycle: Vec<(u32, Vec<TorqueRmsd>)>,
-    /// Windows of a log whose factors were joined: they are in `rmsd` and not in `by_cycle`.
+    /// Windows of a production log whose factors were joined: they are in `rmsd` and not in `by_cycle`.
     pub joined_windows: usize,
-    /// Cycles of the run that take no part.
+    /// Excluded cycles of the run.
     pub passed_over: Vec<NotedCycle>,
-    /// Cycles of the run that take part in spite of a finding.
+    /// Cycles of the run that are included despite a finding.
     pub in_spite: Vec<NotedCycle>,
 }
 
-/// A cycle that takes no part although its run was chosen, or that takes part in spite of a finding.
+/// A cycle that is excluded although its run was chosen, or included despite a finding.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct NotedCycle {
     /// The run.
@@ -79,7 +79,7 @@ pub struct NotedCycle {
     pub reason: String,
 }
 
-/// Why there is no answer.
+/// Why there is no result.
 #[derive(Debug, thiserror::Error)]
 pub enum StoredError {
     /// Every chosen cycle was refused when it was read, or has no factors.
@@ -88,10 +88,10 @@ pub enum StoredError {
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The numbers cannot be had.
+    /// The numbers cannot be computed.
     #[error(transparent)]
     Numerics(#[from] NumericsError),
-    /// What was asked for does not go together, or is not there.
+    /// The request is inconsistent, or its data does not exist.
     #[error("{0}")]
     Refused(String),
     /// A task of the program itself panicked.
@@ -99,30 +99,30 @@ pub enum StoredError {
     Task(#[from] JoinError),
 }
 
-/// Most cycles that are taken together: their factors are held, 50 kB a cycle of a six-joint arm, so that
-/// this is 250 MB; half a year of tests of 24 cycles a day.
+/// Most cycles that are combined. Their factors are in memory, 50 kB per cycle of a six-joint arm, which makes 250 MB;
+/// that is half a year of tests with 24 cycles per day.
 pub const MAX_CYCLES_TOGETHER: usize = 5000;
 
-/// Cycles taken together, with what identification needs of them.
+/// Combined cycles, with the data that identification needs.
 #[derive(Debug, Clone)]
 pub struct PooledCycles {
     /// Description of all of them.
     pub model: StoredModel,
     /// Their moving rows of excitation.
     pub union: PooledFactors,
-    /// Which they are, in the order of the union's.
+    /// Their runs and numbers, in the order of the union's.
     pub sources: Vec<SourceCycle>,
-    /// Cycles of the chosen runs that take no part.
+    /// Excluded cycles of the chosen runs.
     pub passed_over: Vec<NotedCycle>,
-    /// Cycles that take part in spite of a finding.
+    /// Cycles that are included despite a finding.
     pub in_spite: Vec<NotedCycle>,
 }
 
-/// Takes the chosen cycles together. Of whole runs, cycles that were refused when they were read are passed over.
+/// Combines the chosen cycles. Within whole runs, cycles that were refused during reading are skipped.
 ///
 /// # Errors
-/// [`StoredError::PassedOver`] if none is left; [`StoredError::Refused`] if a run has no cycles, a cycle that is asked
-/// for has no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
+/// [`StoredError::PassedOver`] if none is left; [`StoredError::Refused`] if a run has no cycles, a requested cycle has
+/// no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
 pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, StoredError> {
     let mut taken: Option<(PooledCycles, i64)> = None;
     let (mut passed_over, mut in_spite) = (Vec::new(), Vec::new());
@@ -156,7 +156,7 @@ pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, S
     }
 }
 
-/// Adds a stored cycle to a union: the one place that says how many of its rows are independent.
+/// Adds a stored cycle to a union. Only this function determines how many of its rows are independent.
 pub(in crate::pipeline) fn add(
     union: &mut PooledFactors,
     columns: &FactorColumns,
@@ -169,12 +169,11 @@ pub(in crate::pipeline) fn source(cycle: StoredCycle) -> SourceCycle {
     SourceCycle { run_id: cycle.run_id, cycle: cycle.cycle, robot: cycle.robot }
 }
 
-/// Identifies one parameter set on the chosen cycles, joints stacked, moving rows of their
-/// excitation stages, with the configured `estimator`, or what stands for it on factors
-/// ([`analysis::Estimator::of_factors`]).
+/// Identifies one parameter set on the chosen cycles, joints stacked, from moving rows of their excitation stages, with
+/// the configured `estimator` or its counterpart on factors ([`analysis::Estimator::of_factors`]).
 ///
 /// # Errors
-/// As [`take`]; [`StoredError::Numerics`] if the motion is too poor.
+/// Those of [`take`]; [`StoredError::Numerics`] if the motion is too poor.
 pub async fn unit_identification(
     store: &Store,
     chosen: &[RunCycles],
@@ -183,7 +182,7 @@ pub async fn unit_identification(
     identify_taken(take(store, chosen).await?, estimator).await
 }
 
-/// The same on cycles that were taken.
+/// The same on cycles that are already combined.
 ///
 /// # Errors
 /// [`StoredError::Numerics`] if the motion is too poor.
@@ -207,10 +206,10 @@ pub async fn identify_taken(
     })
 }
 
-/// RMSD of one parameter set over the chosen cycles together, by joint and stage.
+/// RMSD of one parameter set over the combined chosen cycles, by joint and stage.
 ///
 /// # Errors
-/// As [`take`].
+/// Those of [`take`].
 pub async fn rmsd_on(
     store: &Store,
     candidate: &ParameterCandidate,
@@ -228,11 +227,11 @@ pub async fn rmsd_on(
     Ok(sums.rmsd())
 }
 
-/// RMSD of each joint's torque with the parameters that its own rows gave [3.21], over the chosen
-/// cycles together; parameters that a view leaves out count as zero.
+/// RMSD of each joint's torque with the parameters from its own rows [3.21], over the combined chosen cycles;
+/// parameters that a view omits count as zero.
 ///
 /// # Errors
-/// As [`take`].
+/// Those of [`take`].
 pub async fn rmsd_of_views(
     store: &Store,
     views: &[(JointIndex, Vec<IdentifiedParameter>)],
@@ -254,11 +253,10 @@ pub async fn rmsd_of_views(
     Ok(sums.rmsd())
 }
 
-/// Applies each candidate to each run. Runs are read one after another: memory does not grow with
-/// their number.
+/// Applies each candidate to each run. Runs are read one after another, so that memory does not grow with their number.
 ///
 /// # Errors
-/// As [`take`].
+/// Those of [`take`].
 pub async fn cross_verification(
     store: &Store,
     candidates: Vec<ParameterCandidate>,
@@ -316,7 +314,7 @@ fn verify_run(
     Ok(verified)
 }
 
-/// One entry a run; a cycle that is chosen twice counts once.
+/// One entry per run; a cycle that is chosen twice counts once.
 pub(in crate::pipeline) fn merged(chosen: &[RunCycles]) -> Vec<RunCycles> {
     let mut by_run: BTreeMap<i64, RunCycles> = BTreeMap::new();
     for RunCycles { run_id, cycles, named } in chosen {
@@ -331,13 +329,13 @@ pub(in crate::pipeline) fn merged(chosen: &[RunCycles]) -> Vec<RunCycles> {
     by_run.into_values().collect()
 }
 
-/// Cycles of a run, and those of it that take no part.
+/// Cycles of a run, and its excluded cycles.
 #[derive(Debug, Clone)]
 pub(in crate::pipeline) struct ChosenCycles {
     pub(in crate::pipeline) cycles: Vec<StoredCycle>,
-    /// What windows of a whole log were joined into, where all rows are asked for.
+    /// Joined factors of a whole log's windows, if all rows are requested.
     pub(in crate::pipeline) joined: Vec<JoinedFactors>,
-    /// How many windows that are.
+    /// Number of joined windows.
     pub(in crate::pipeline) joined_windows: usize,
     pub(in crate::pipeline) passed_over: Vec<NotedCycle>,
     pub(in crate::pipeline) in_spite: Vec<NotedCycle>,
@@ -351,8 +349,8 @@ impl ChosenCycles {
     }
 }
 
-/// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over, unless a person
-/// named the run and it has no others; one that is asked for by its number is taken if its factors are stored.
+/// Chosen cycles that have factors. Within a whole run, refused and doubtful cycles are skipped, unless a person named
+/// the run and it has no others. A cycle that is requested by its number is used if its factors are stored.
 pub(in crate::pipeline) async fn chosen_cycles(
     store: &Store,
     chosen: &RunCycles,
@@ -400,7 +398,7 @@ pub(in crate::pipeline) async fn chosen_cycles(
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
     } else {
-        // many poor motions together may show what none of them does
+        // many poor motions together may identify parameters that none of them does alone
         let joins = |cycle: &StoredCycle| cycle.joinable && !cycle.factors.factors.is_empty();
         let identifies = wanted == FactorsWanted::Identification;
         let takes = |cycle: &StoredCycle| cycle.counts || identifies && joins(cycle);
@@ -434,14 +432,14 @@ pub(in crate::pipeline) async fn chosen_cycles(
     Ok(ChosenCycles { cycles, joined, joined_windows, passed_over, in_spite })
 }
 
-/// The remarks by which a cycle is doubtful or accepted.
+/// The remarks that make a cycle doubtful or accepted.
 fn marked(remarks: Option<&str>) -> Option<String> {
     let is_mark = |line: &&str| line.starts_with("doubtful: ") || line.starts_with(ACCEPTED);
     let lines: Vec<&str> = remarks?.lines().filter(is_mark).collect();
     (!lines.is_empty()).then(|| lines.join("; "))
 }
 
-/// Why a run has no cycles to take, with the runs that have.
+/// Why a run has no cycles to use, with the runs that have some.
 async fn without_cycles(store: &Store, run_id: i64) -> Result<String, StoreError> {
     let runs = store.runs().await?;
     let with_cycles = in_ranges(runs.iter().filter(|run| run.cycles > 0).map(|run| run.run_id));
@@ -455,10 +453,10 @@ async fn without_cycles(store: &Store, run_id: i64) -> Result<String, StoreError
     }
 }
 
-/// Numbers as people write them: `1-8, 10`; the first ranges and the last one of many, `none` of nothing.
+/// Numbers as ranges, such as `1-8, 10`; only the first ranges and the last one if there are many, `none` if empty.
 #[must_use]
 pub fn in_ranges(numbers: impl IntoIterator<Item = i64>) -> String {
-    /// More would hide what the sentence says.
+    /// more would hide the point of the sentence
     const MOST: usize = 8;
     let numbers: Vec<i64> = numbers.into_iter().collect::<BTreeSet<_>>().into_iter().collect();
     let ranges: Vec<String> = numbers
@@ -476,7 +474,7 @@ pub fn in_ranges(numbers: impl IntoIterator<Item = i64>) -> String {
     }
 }
 
-/// What is noted of cycles, in one sentence: cycles of a run in a row with one reason are told together.
+/// Notes on cycles in one sentence; consecutive cycles of a run with the same reason are combined.
 #[must_use]
 pub fn told(noted: &[NotedCycle]) -> String {
     let alike = noted.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
@@ -525,7 +523,7 @@ fn theta(columns: &FactorColumns, candidate: &ParameterCandidate) -> Result<Vec<
     columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
 }
 
-/// As stored; of cycles without, what the low-pass leaves.
+/// The stored shares; for cycles without, the share that the low-pass leaves.
 pub(in crate::pipeline) fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
     match cycle.independent_shares.is_empty() {
         true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],

@@ -11,12 +11,12 @@ use armwatch_method::pooled::loaded_rows::{RecordedCycle, load_change};
 use armwatch_model::robot::{Robot, StandardParameters};
 use armwatch_store::{FactorsWanted, Store, StoredCycle};
 
-/// Drive gains of `robot` from runs `without` and `with` a load that is `load` about the frame of the last
+/// Drive gains of `robot` from runs `without` and `with` a load, whose parameters `load` refer to the frame of the last
 /// link.
 ///
 /// # Errors
-/// [`StoredError::Refused`] if a run has no factors, lacks a cycle that is asked for, or was analysed with
-/// another description than `robot`; [`StoredError::Numerics`] if the factors are over other columns.
+/// [`StoredError::Refused`] if a run has no factors, lacks a requested cycle, or was analysed with another description
+/// than `robot`; [`StoredError::Numerics`] if the factors have other columns.
 pub async fn stored_drive_gains(
     store: &Store,
     robot: &Robot,
@@ -28,7 +28,7 @@ pub async fn stored_drive_gains(
     let robot = robot.clone();
     tokio::task::spawn_blocking(move || {
         let Recorded { base, columns, cycles } = Recorded::of(&robot, &cycles)?;
-        // stored columns stand in another order than the description's own
+        // the stored columns have another order than the description's
         let change = load_change(&robot, &base, &load);
         let change = columns.theta(base.kept.iter().copied().zip(change))?;
         drive_gains(&columns, &cycles, &change)
@@ -53,7 +53,7 @@ pub(super) async fn read_both(
     Ok(cycles)
 }
 
-/// Cycles without and with a load, over the columns of their description.
+/// Cycles without and with a load, in the columns of their description.
 pub(super) struct Recorded {
     pub(super) base: BaseParameters,
     pub(super) columns: FactorColumns,

@@ -57,11 +57,11 @@ impl RunPayload {
     }
 }
 
-/// Payload that the run `loaded` has and the run `empty` lacks. A run is named by its number or by its export.
+/// Difference of the payloads in the runs `loaded` and `empty`. A run is named by its number or by its export.
 ///
 /// # Errors
-/// [`StoredError::Refused`] if a name is no usable test, the runs belong to different robots or to another description, or the
-/// joints do not move in the excitation of both.
+/// [`StoredError::Refused`] if a name is not that of a usable test, the runs belong to different robots or to another
+/// description, or the joints do not move in the excitation of both.
 pub async fn payload_of_runs(
     config: &Config,
     store: &Store,

@@ -7,11 +7,11 @@ use armwatch_method::model::base_parameters::base_parameters;
 use armwatch_method::physical::fit::{PhysicalFit, physical_fit};
 use armwatch_model::robot::Robot;
 
-/// Fits physically consistent parameters of all links to cycles taken together.
+/// Fits physically consistent parameters of all links to combined cycles.
 ///
 /// # Errors
-/// [`StoredError::Refused`] if `robot` is not the description of the cycles; [`StoredError::Numerics`]
-/// if the motion is too poor.
+/// [`StoredError::Refused`] if `robot` is not the description of the cycles; [`StoredError::Numerics`] if the motion is
+/// too poor.
 pub async fn fit_bodies(taken: PooledCycles, robot: Arc<Robot>) -> Result<PhysicalFit, StoredError> {
     if !taken.model.describes(&robot) {
         return Err(StoredError::Refused(format!(

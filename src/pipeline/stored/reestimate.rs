@@ -1,4 +1,4 @@
-//! Any estimator on stored factors: one set of parameters for all chosen cycles, or one for each cycle.
+//! Applies any estimator to stored factors: one set of parameters for all chosen cycles, or one for each cycle.
 
 use super::chosen_cycles::{
     NotedCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
@@ -19,7 +19,7 @@ use armwatch_store::{
     StoredModel,
 };
 
-/// An estimator and what it needs.
+/// An estimator with its options.
 #[derive(Debug, Clone, PartialEq)]
 pub enum EstimatorChoice {
     /// One set of parameters from all joints, stacked.
@@ -29,7 +29,7 @@ pub enum EstimatorChoice {
 }
 
 impl EstimatorChoice {
-    /// Which one it is.
+    /// The kind of the estimator.
     #[must_use]
     pub fn kind(&self) -> EstimatorKind {
         match self {
@@ -39,28 +39,28 @@ impl EstimatorChoice {
     }
 }
 
-/// What cycles taken together gave.
+/// The result of combined cycles.
 #[derive(Debug, Clone)]
 pub struct PooledResult {
-    /// What the motion shows.
+    /// Identifiability of the parameters by the motion.
     pub shown: Identifiability,
     /// The parameters.
     pub outcome: PooledOutcome,
 }
 
-/// Parameters, or why there are none.
+/// Parameters, or the reason for their absence.
 #[derive(Debug, Clone)]
 pub enum PooledOutcome {
     /// One set.
     Set(Box<PooledEstimate>),
     /// Each joint's own view.
     Views(Vec<(JointIndex, Result<PerJointEstimate, NumericsError>)>),
-    /// The motion does not show every parameter: [`PooledResult::shown`] names them.
+    /// The motion does not identify every parameter: [`PooledResult::shown`] names the others.
     TooPoor,
 }
 
-/// Identifies one parameter set on cycles taken together, on a blocking thread; with `fewest`, the
-/// fewest parameters that explain the torque as well.
+/// Identifies one parameter set on combined cycles, on a blocking thread; with `fewest`, the fewest parameters that
+/// explain the torque as well.
 ///
 /// # Errors
 /// [`StoredError::Numerics`] for too few rows or cycles, and for numbers that are not finite.
@@ -96,21 +96,21 @@ fn together(
     }
 }
 
-/// Cycles of which something is to be said.
+/// Cycles that need a note.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ChosenNotes {
-    /// Cycles of the chosen runs that take no part.
+    /// Excluded cycles of the chosen runs.
     pub passed_over: Vec<NotedCycle>,
-    /// Cycles that take part in spite of a finding.
+    /// Cycles that are included despite a finding.
     pub in_spite: Vec<NotedCycle>,
 }
 
-/// Identifies every chosen cycle alone, run after run. A cycle without parameters has the reason in their place. Cycles
-/// of whole runs that cannot be used are returned separately. `progress` is called with the number of cycles done.
+/// Identifies every chosen cycle alone, run after run. A cycle without parameters has the reason instead. Cycles of
+/// whole runs that cannot be used are returned separately. `progress` is called with the number of completed cycles.
 ///
 /// # Errors
-/// [`StoredError::Refused`] as [`take`](super::chosen_cycles::take), and for [`StackedEstimator::Huber`], which needs
-/// cycles to weigh against each other.
+/// [`StoredError::Refused`] as for [`take`](super::chosen_cycles::take), and for [`StackedEstimator::Huber`], which
+/// needs several cycles to weight.
 pub async fn reestimate(
     store: &Store,
     chosen: &[RunCycles],
@@ -185,7 +185,7 @@ fn views_and_reason(
     (views, (!reasons.is_empty()).then(|| reasons.join("; ")))
 }
 
-/// Statistics of each parameter over the cycles of each run, as those of `parameter_statistics`.
+/// Statistics of each parameter over the cycles of each run, like those of `parameter_statistics`.
 fn statistics(cycles: &[ReestimatedCycle]) -> Vec<ReestimatedStatistics> {
     let mut found = Vec::new();
     for of_run in cycles.chunk_by(|a, b| a.source.run_id == b.source.run_id) {
@@ -210,7 +210,7 @@ fn statistics(cycles: &[ReestimatedCycle]) -> Vec<ReestimatedStatistics> {
     found
 }
 
-/// Every parameter that a cycle of the run has, by who sees it.
+/// Every parameter of a cycle of the run, with the joint whose view contains it.
 fn series_of(cycles: &[ReestimatedCycle]) -> Vec<(Option<JointIndex>, ParameterId)> {
     let ids = |view: &CycleView| {
         let seen_by = view.seen_by;

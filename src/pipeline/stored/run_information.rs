@@ -1,4 +1,4 @@
-//! What the motion of a stored run shows of an arm's parameters.
+//! Information of a stored run's motion about a robot's parameters.
 
 use super::chosen_cycles::{ChosenCycles, RunCycles, StoredError, chosen_cycles};
 use armwatch_method::identify::joint_factors::{FactorColumns, unpack};
@@ -8,17 +8,17 @@ use armwatch_model::robot::Robot;
 use armwatch_store::{FactorsWanted, Store};
 use armwatch_trajectory::information::Information;
 
-/// What the rows of a run tell.
+/// Information of a run's rows.
 #[derive(Debug, Clone)]
 pub struct RunInformation {
-    /// Of the base parameters, by the rows of moving joints.
+    /// Information about the base parameters, from the rows of moving joints.
     pub information: Information,
     /// Rows of the run, moving or not.
     pub rows: usize,
 }
 
-/// What the moving rows of all stages of a run show of the base parameters of `robot`, at the noise of each joint's torque
-/// signal `[n]`, Nm (N).
+/// Information of the moving rows of all stages of a run about the base parameters of `robot`, at the noise of each
+/// joint's torque signal `[n]`, Nm (N).
 ///
 /// # Errors
 /// [`StoredError::Refused`] if the run has no factors or was analysed with another description.

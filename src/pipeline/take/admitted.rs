@@ -1,4 +1,4 @@
-//! An export that is read.
+//! An export that is admitted for reading.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,33 +9,33 @@ use armwatch_config::{Layout, WorkLimits};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, RunHeader};
 
-/// An export that was let in.
+/// An export that was admitted.
 #[derive(Debug, Clone)]
 pub struct AdmittedExport {
-    /// Where it lies.
+    /// Its path.
     pub path: PathBuf,
-    /// Its row in the ledger; zero of one that is read before the ledger has let it in.
+    /// Its row in the ledger; zero for an export that is read before the ledger has admitted it.
     pub run_id: i64,
-    /// What is known of it.
+    /// Its known facts.
     pub header: RunHeader,
     /// The arm that made it.
     pub robot: Arc<Robot>,
     /// Its layout.
     pub layout: Arc<Layout>,
-    /// Whether its name says the start of the recording.
+    /// True if its name gives the start of the recording.
     pub named_start: bool,
     /// Cycles stored by an earlier attempt.
     pub cycles_stored: u32,
-    /// Where reading goes on behind some of them, if not at the start.
+    /// The point after stored cycles that reading continues from, if not from the start.
     pub resume: Option<ResumePoint>,
-    /// What decides its cycles besides its bytes.
+    /// Hash of everything besides its bytes that determines its cycles.
     pub made_with: ContentHash,
-    /// What reading it may take.
+    /// Limits on its reading.
     pub limits: WorkLimits,
     /// Memory of the cycles of all exports that are being read and analysed.
     pub memory: CycleMemory,
     /// The header that the file had before it was cut, if it has none now.
     pub header_before: Option<String>,
-    /// Whether its analyses are recorded as they end.
+    /// Turn to record its analyses.
     pub turn: RecordingTurn,
 }

@@ -1,5 +1,5 @@
-//! Attempts at exports, which are counted in the ledger before anything is read: what ends the program three times is
-//! quarantined, and other exports go on.
+//! Attempts at exports, which the ledger counts before anything is read: an export that crashes the program three times
+//! is quarantined, and other exports continue.
 
 use std::path::Path;
 
@@ -13,11 +13,11 @@ use armwatch_model::run::RunStatus;
 use armwatch_store::{Attempt, AttemptKind, AttemptOn, EarlierRun, SourceState, wait_for_quiet};
 
 impl Pipeline {
-    /// Counts an attempt at the file that the ledger calls `name`, before it is read. Waits first until this process is old
-    /// enough for a last attempt, or a stop is asked for.
+    /// Counts an attempt at the file that the ledger calls `name`, before it is read. Waits first until this process is
+    /// old enough for a last attempt, or a stop is requested.
     ///
     /// # Errors
-    /// Those of the store; the file is not to be read then.
+    /// Those of the store; the file must not be read then.
     pub(in crate::pipeline) async fn begin_attempt(
         &self,
         name: &str,
@@ -26,7 +26,7 @@ impl Pipeline {
     ) -> Result<Attempt, PipelineError> {
         let next = Attempt { number: self.store.failed_attempts(AttemptKind::Export, name).await? + 1 };
         if let Some(rest) = wait_for_quiet().filter(|_| next.is_last()) {
-            // either way it is time to go on
+            // continue in either case
             let _ = tokio::time::timeout(rest, stop.cancelled()).await;
         }
         let on =
@@ -42,7 +42,7 @@ impl Pipeline {
         Ok(self.store.failed_attempts(AttemptKind::Export, name).await? > 0)
     }
 
-    /// Notes that an attempt has ended. One that was broken off by a stop says nothing of the file.
+    /// Notes that an attempt has ended. An attempt that a stop interrupted proves nothing about the file.
     ///
     /// # Errors
     /// Those of the store.
@@ -58,8 +58,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Quarantines a file that ended the program three times, without opening it. If a run of it was begun, that run keeps
-    /// its cycles. Otherwise the hash of the path replaces that of the content, as for a file that cannot be read.
+    /// Quarantines a file that crashed the program three times, without opening it. If a run of it had started, that
+    /// run keeps its cycles. Otherwise the hash of the path replaces that of the content, as for an unreadable file.
     ///
     /// # Errors
     /// Those of the store.
@@ -91,7 +91,7 @@ impl Pipeline {
         Ok(Outcome::Quarantined { run_id, rejection, cycles, known: false })
     }
 
-    /// The robot that the name of a file says together with a start.
+    /// The robot in the name of a file, if the name also gives a start.
     fn named_robot(&self, path: &Path) -> String {
         let named = self.config.recognition.recognise(&intake::file_name(path)).ok();
         let named = named.filter(|named| named.started_at.is_some());

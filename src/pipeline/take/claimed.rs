@@ -1,4 +1,4 @@
-//! Which export this daemon reads alone, where others see it too.
+//! Exclusive reading of an export that several daemons see.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ pub(in crate::pipeline) struct ClaimedExport {
 }
 
 impl ClaimedExport {
-    /// Whether other daemons see it too.
+    /// Returns true if other daemons see it too.
     pub(in crate::pipeline) fn is_shared(&self) -> bool {
         self.shared.is_some()
     }

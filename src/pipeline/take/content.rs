@@ -1,4 +1,4 @@
-//! Which run the content of an export has, and whether all of it is there.
+//! Finds the run of an export's content, and missing parts of it.
 
 use std::path::Path;
 
@@ -10,8 +10,8 @@ use armwatch_ingest::table::joined;
 use armwatch_model::run::ContentHash;
 use armwatch_store::KnownRun;
 
-/// The run of a content: of the same robot, or of another one whose exports are read alike, since a file was renamed then. An
-/// export of several robots has a run of each.
+/// The run of a content: of the same robot, or of another one whose exports give the same rows, because the file was
+/// renamed. An export of several robots has a run for each.
 pub(super) async fn run_of_content(
     pipeline: &Pipeline,
     path: &Path,
@@ -27,7 +27,7 @@ pub(super) async fn run_of_content(
     Ok(runs.into_iter().next().map(|(run, ..)| run))
 }
 
-/// Why a recording in several files is not read: one of them is missing.
+/// Why a recording in several files is not read: a part is missing.
 pub(super) async fn missing_part(
     pipeline: &Pipeline,
     path: &Path,

@@ -1,4 +1,4 @@
-//! A program that ends between the last cycle of an export and the end of its run, while the export goes on.
+//! A program that ends between the last cycle of an export and the end of its run, while the export grows.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ async fn contents(database: &Path) -> Vec<(i64, f64, f64)> {
         .collect()
 }
 
-/// Takes an export, and is dropped as soon as its cycle `last` is stored.
+/// Processes an export, and is dropped as soon as its cycle `last` is stored.
 async fn take_and_end(pipeline: &Pipeline, export: &Path, last: u32) {
     let (stored, stop) = (Arc::new(Notify::new()), CancellationToken::new());
     let told = Arc::clone(&stored);
@@ -77,14 +77,14 @@ async fn a_cycle_that_the_end_has_cut_is_read_anew_where_the_export_goes_on() {
         assert!(short.len() == 2 && short != expected, "{short:?}");
     }
 
-    // the end that was met stays the end: the cycle is not read anew
+    // the reached end stays the end: the cycle is not read again
     let before = cycles(&database("settled.db")).await;
     let settled = pipeline(&database("settled.db")).await;
     let outcome = settled.process(&made.export, Retry::Never, &stop, |_| ()).await.expect("an outcome");
     assert!(matches!(outcome, Outcome::Stored(_)), "{outcome:?}");
     assert_eq!(cycles(&database("settled.db")).await, before);
 
-    // it does not, whether the run had ended or not
+    // the cycle is read again, both if the run had ended and if it had not
     std::fs::write(&made.export, &whole).expect("written");
     for name in ["settled.db", "grown.db"] {
         let pipeline = pipeline(&database(name)).await;

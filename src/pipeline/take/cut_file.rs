@@ -1,5 +1,5 @@
-//! Files that a tool has copied and cut while their writer went on, as `logrotate` does with `copytruncate`. The next rows have
-//! no header. They are read by the earlier header of the file, which the resume points of its runs keep.
+//! Files that a tool has copied and cut while their writer continued, such as `logrotate` with `copytruncate`. The next
+//! rows have no header. They are read with the earlier header of the file, which is in the resume points of its runs.
 
 use std::io::Read;
 use std::path::Path;
@@ -15,7 +15,7 @@ use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
 use armwatch_model::robot::Robot;
 use armwatch_store::{EarlierRun, SourceState};
 
-/// Said of a file that was cut, and whose rows go on.
+/// Message for a file that was cut, and whose rows continue.
 pub(super) const GOES_ON: &str = "the file was truncated and its rows go on without a header; they are read by the header that \
                                   it had before, as another run";
 
@@ -37,7 +37,7 @@ pub(in crate::pipeline) async fn header_before(
     let settings = resume::settings_hash(layout, description, &config.limits, &config.analysis);
     let (located, name) = (intake::ledger_path(store, path), intake::file_name(path));
     let mut earlier = store.earlier_runs(&located, state.file, None).await?;
-    // numbers of files are given again, mostly to files of another name
+    // numbers of files are reused, mostly for files of another name
     earlier.retain(|of| of.same_file && of.source_name == name);
     earlier.sort_by_key(|of| std::cmp::Reverse(of.run.run_id));
     for of in earlier {
@@ -50,7 +50,7 @@ pub(in crate::pipeline) async fn header_before(
     Ok(None)
 }
 
-/// The header that a file had before it was cut, if it has none now and its rows go on under that one.
+/// The header that a file had before it was cut, if it has none now and its rows continue under that one.
 pub(super) async fn header_of(
     pipeline: &Pipeline,
     path: &Path,
@@ -67,8 +67,8 @@ pub(super) async fn header_of(
     Ok(goes_on.await?)
 }
 
-/// Opens an export that has settled, with the running hash of its bytes. `before` is the header that the file had before it
-/// was cut, if it has none now.
+/// Opens a settled export, with the running hash of its bytes. `before` is the header that the file had before it was
+/// cut, if it has none now.
 pub(super) fn opened(
     path: &Path,
     layout: &Layout,
@@ -83,8 +83,8 @@ pub(super) fn opened(
     Ok((export, hash))
 }
 
-/// A rejection with its cause, where other lines or an earlier state of the file show it: rows that were sent twice, or a file
-/// that was shortened. A tool that copies a file and cuts it leaves its writer to go on without a header. `run_id` is the
+/// A rejection with its cause, if other lines or an earlier state of the file show it: rows that were sent twice, or a
+/// file that was shortened. If a tool copies a file and cuts it, its writer continues without a header. `run_id` is the
 /// file's own run, if it has one.
 pub(in crate::pipeline) async fn with_cause(
     pipeline: &Pipeline,
@@ -101,7 +101,7 @@ pub(in crate::pipeline) async fn with_cause(
     let ledger_path = intake::ledger_path(pipeline.store(), path);
     let earlier = pipeline.store().earlier_runs(&ledger_path, state.file, None).await?;
     let name = intake::file_name(path);
-    // numbers of files are given again, mostly to files of another name
+    // numbers of files are reused, mostly for files of another name
     let is_cut = |of: &&EarlierRun| {
         Some(of.run.run_id) != run_id && of.same_file && of.source_name == name && of.read.bytes > state.bytes
     };

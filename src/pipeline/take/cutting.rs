@@ -1,4 +1,4 @@
-//! Rows to cycles on their way to analysis, the same for files that have settled and files that grow.
+//! Cuts rows into cycles for analysis, in the same way for settled and growing files.
 
 use std::time::{Duration, Instant, SystemTime};
 
@@ -18,19 +18,19 @@ use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, ContentPrefix, Cycle};
 use armwatch_store::{ReadSoFar, StoredPoint};
 
-/// A longer header is not kept, since it is stored again with each cycle, bytes.
+/// Longest header that is kept, bytes; it is stored again with each cycle.
 const LONGEST_HEADER: usize = 64 << 10;
 
-/// A cycle, and what it and those before it were read from.
+/// A cycle, and the bytes that it and the cycles before it were read from.
 #[derive(Debug, PartialEq)]
 pub struct CutCycle {
     /// The cycle.
     pub cycle: Cycle,
-    /// At least all bytes of its rows, and where reading goes on behind them.
+    /// At least all bytes of its rows, and the point after them that reading continues from.
     pub read: ReadSoFar,
     /// Work of reading and cutting since the cycle before it, without waiting.
     pub took: Duration,
-    /// When the row that ended it was written, where that is known.
+    /// When the row that ended it was written, if known.
     pub written: Option<SystemTime>,
     /// Its memory.
     pub held: HeldCycle,
@@ -43,22 +43,22 @@ pub enum ReadEnd {
     Complete(ReadTotals),
     /// At something not understood.
     Rejected(Rejection),
-    /// At a stop that was asked for.
+    /// At a requested stop.
     Interrupted,
     /// At the end of a file that is no longer the one that was admitted.
     Changed,
 }
 
-/// Figures of a whole export.
+/// Totals of a whole export.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadTotals {
-    /// Rows, those outside cycles included.
+    /// Rows, including those outside cycles.
     pub rows: u64,
-    /// Bad rows that were passed over, beyond those.
+    /// Bad rows that were skipped, in addition to those.
     pub rows_skipped: u64,
-    /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
+    /// Rows per second, from the median time step of the first rows, Hz; zero if unknown.
     pub sample_rate: f64,
-    /// Cycles, those stored by an earlier attempt included.
+    /// Cycles, including those stored by an earlier attempt.
     pub cycles: u32,
     /// The whole content.
     pub content: ContentPrefix,
@@ -85,11 +85,11 @@ pub struct Cutting<'i> {
 }
 
 impl<'i> Cutting<'i> {
-    /// A cutter at the start of the export of `intake`, or at its point of resuming; `hash` is of what its
-    /// reader has read.
+    /// Creates a cutter at the start of the export of `intake`, or at its resume point; `hash` is the hash of the bytes
+    /// read so far.
     ///
     /// # Errors
-    /// A rejection where the robot's transmission cannot be inverted.
+    /// A rejection if the robot's transmission cannot be inverted.
     pub fn new(
         intake: &'i AdmittedExport,
         cycles: &'i mpsc::Sender<CutCycle>,
@@ -120,38 +120,37 @@ impl<'i> Cutting<'i> {
         })
     }
 
-    /// The same with channels of cycles in memory of `buffers`.
+    /// Takes the memory of cycles' channels from `buffers`.
     #[must_use]
     pub fn with_buffers(mut self, buffers: Buffers) -> Self {
         self.cutter = self.cutter.with_buffers(buffers);
         self
     }
 
-    /// The same with the header of the rows, which is stored with the position.
+    /// Sets the header of the rows, which is stored with the position.
     #[must_use]
     pub fn with_header(mut self, header: Option<&str>) -> Self {
         self.header = header.filter(|header| header.len() <= LONGEST_HEADER).map(str::to_owned);
         self
     }
 
-    /// Cycles cut so far, those stored by an earlier attempt included.
+    /// Cycles cut so far, including those stored by an earlier attempt.
     #[must_use]
     pub fn cycle_count(&self) -> u32 {
         self.cycle_count
     }
 
-    /// Notes how long it took to read the rows that are pushed next, and when the last of them was written, where
-    /// that is known.
+    /// Notes the time that reading the next pushed rows took, and when the last of them was written, if known.
     pub fn note_read(&mut self, took: Duration, written: Option<SystemTime>) {
         self.took += took;
         self.written = written;
     }
 
-    /// Takes the next rows and sends the cycles that they end. `false` if reading is to end, because a stop
-    /// was asked for or nobody takes cycles any more.
+    /// Adds the next rows and sends the cycles that they end. Returns `false` if reading must end, because a stop was
+    /// requested or the receiver is dropped.
     ///
     /// # Errors
-    /// A rejection of rows that make no cycle, after the cycles before them.
+    /// A rejection of rows that form no cycle, after the cycles before them.
     pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
         let began = Instant::now();
         self.positions.note(chunk.position, &self.cutter);
@@ -167,12 +166,12 @@ impl<'i> Cutting<'i> {
         Ok(!self.stop.is_cancelled())
     }
 
-    /// Sends the cycles that are cut, each before the next one is.
+    /// Sends the cut cycles, each before the next one is cut.
     fn send_cut(&mut self) -> Result<bool, Rejection> {
         let mut cut = self.next_cycle();
         while let Ok(Some(cycle)) = cut {
             cut = self.next_cycle();
-            // the last cut has the point: those before it in one block would read the same rows again
+            // only the last cut has a point: points of earlier cuts in the same block would read the same rows again
             let is_last = !matches!(cut, Ok(Some(_))) && self.cutter.all_taken();
             let point = if is_last { self.positions.at_cut(&self.cutter) } else { None };
             let point = point.map(|point| ResumePoint { header: self.header.clone(), ..point });
@@ -191,14 +190,14 @@ impl<'i> Cutting<'i> {
         cycle
     }
 
-    /// Ends the export after `rows` rows, with `rows_skipped` bad ones passed over, and sends its last cycles. They
-    /// have no point to go on from, since the end of the file has cut them.
+    /// Ends the export after `rows` rows and `rows_skipped` skipped bad ones, and sends its last cycles. They have no
+    /// resume point, since the end of the file has cut them.
     ///
     /// # Errors
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
         self.cutter.finish();
-        // the end of the file ended it
+        // the end of the file ended the cycle
         self.written = None;
         while let Some(cycle) = self.next_cycle()? {
             if !self.send(cycle, None, true) {
@@ -216,12 +215,12 @@ impl<'i> Cutting<'i> {
         }))
     }
 
-    /// Waits until the last cycle is taken: rows that are read meanwhile are one more cycle in memory.
+    /// Waits until the last cycle is taken: rows read during the wait would be one more cycle in memory.
     fn wait_for_room(&self) {
         if self.cycles.capacity() == 0
             && let Ok(runtime) = Handle::try_current()
         {
-            // nobody takes cycles any more: the next one that is sent says so
+            // the receiver is dropped: the next send reports it
             let _ = runtime.block_on(self.cycles.reserve());
         }
     }

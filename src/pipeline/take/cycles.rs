@@ -1,4 +1,4 @@
-//! The one way from an export to cycles as the analysis gets them.
+//! Cuts the rows of an export into the cycles that the analysis gets.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -23,25 +23,25 @@ use armwatch_model::run::slower::SlowerChannels;
 use armwatch_model::run::stage_rule::StageRule;
 use armwatch_model::run::{ContentHash, Cycle, RawSamples, Samples};
 
-/// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
-/// on the pieces in which a growing file is read.
+/// First rows of an export that give its sample rate. The number is fixed, so that the rate does not depend on the
+/// blocks of a growing file.
 pub(in crate::pipeline) const SAMPLE_RATE_ROWS: usize = 1000;
 
-/// First rows of an export that identify its recording: noise makes the first rows of two recordings differ. Few, so
-/// that an export in which a later row was corrected still counts as the same recording.
+/// First rows of an export that identify its recording: noise makes the first rows of two recordings differ. They are
+/// few, so that an export with a correction in a later row still counts as the same recording.
 const FIRST_ROWS: usize = 16;
 
 /// Fewest rows of a cycle: a shorter one cannot be filtered, so it gives no result.
 const LEAST_ROWS: usize = MIN_STRETCH_ROWS;
 
-/// So many shorter cycles in a row mean that the column is no cycle counter, or that the stage signal flickers. None of these
-/// cycles is given then.
+/// This many shorter cycles in a row mean that the column is not a cycle counter, or that the stage signal flickers.
+/// None of these cycles is returned then.
 const SHORT_IN_A_ROW: usize = 100;
 
 /// Fewest cycles of an export that is refused because all of its cycles are shorter.
 const SHORT_ALONE: usize = 10;
 
-/// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
+/// Assigns the columns of an export to the joints, gives the rows their stage and cuts them into cycles.
 #[derive(Debug)]
 pub struct RowCutter {
     path: PathBuf,
@@ -52,36 +52,36 @@ pub struct RowCutter {
     stages: StageFinder,
     cutter: CycleCutter,
     first_times: Vec<f64>,
-    /// The sample rate, where it was taken from first rows that are not read again, Hz.
+    /// The sample rate, if the first rows that gave it are not read again, Hz.
     known_rate: Option<f64>,
     first_rows: FirstRows,
     /// Time of the last row, s.
     last_time: f64,
-    /// Rows that have their stage.
+    /// Rows whose stage is known.
     rows_settled: u64,
-    /// Next rows with a stage that are in cycles already.
+    /// Following rows with a stage that are in cycles already.
     in_cycles: u64,
-    /// Rows that were pushed, with those before the first of them.
+    /// Rows that were pushed, including those before the first of them.
     rows_pushed: u64,
-    /// Where rows stand in the file: so many rows are before this line. Of the open cycle and of short ones; `None` where the
-    /// layout lets bad rows be passed over, so that lines are not rows.
+    /// Lines of rows in the file: pairs of a row and the line that follows it. It covers the open cycle and short ones;
+    /// `None` if the layout skips bad rows, since lines then differ from rows.
     lines: Option<VecDeque<(u64, u64)>>,
     /// The column of the cycle counter, as the layout names it.
     counter_column: Option<String>,
-    /// Whether cycles come from a schedule, from windows, or from the rows.
+    /// The source of the boundaries: a schedule, windows, or the rows.
     division: Division,
     most_rows: usize,
     /// Most memory of the analysis of a cycle, bytes.
     most_bytes: usize,
     /// Bytes of memory of a row.
     row_bytes: usize,
-    /// Short cycles in a row that no longer one has followed.
+    /// Consecutive short cycles without a longer one after them.
     short: Vec<Cycle>,
     /// First row of the first of them in the recording.
     short_from: u64,
-    /// Cycles that may be taken.
+    /// Cycles that are ready to be taken.
     ready: VecDeque<Cycle>,
-    /// The fault behind the last cycle.
+    /// The fault after the last cycle.
     fault: Option<Rejection>,
     is_ending: bool,
 }
@@ -93,11 +93,11 @@ enum Division {
     Recorded,
     /// A schedule of the layout.
     Schedule,
-    /// Windows of ordinary work. They may be short, since logs pause, and any window has its temperatures.
+    /// Windows of production. They may be short, since logs pause, and every window has its temperatures.
     Windows,
 }
 
-/// Rows of cycles, and how many of them have a value in the slowest channel.
+/// Rows of cycles, and the number of rows with a value in the slowest channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Filled {
     /// Rows.
@@ -121,10 +121,10 @@ impl Filled {
 }
 
 impl RowCutter {
-    /// At the start of an export; `path` only says where problems are.
+    /// Creates a cutter at the start of an export; `path` is used only in messages.
     ///
     /// # Errors
-    /// A rejection where the robot's transmission cannot be inverted.
+    /// A rejection if the robot's transmission cannot be inverted.
     pub fn new(path: &Path, layout: &Layout, robot: &Robot) -> Result<Self, Rejection> {
         let motor = layout.motor_side;
         let joint_side = JointSide::new(robot, motor.position, motor.torque).map_err(|error| {
@@ -169,7 +169,7 @@ impl RowCutter {
         })
     }
 
-    /// The same with another bound on the rows of a cycle.
+    /// Sets another bound on the rows of a cycle.
     #[must_use]
     pub fn with_most_rows(mut self, rows: usize) -> Self {
         self.cutter = self.cutter.with_most_rows(rows);
@@ -177,21 +177,21 @@ impl RowCutter {
         self
     }
 
-    /// The same with a bound on the memory of the analysis of a cycle, bytes.
+    /// Sets another bound on the memory of the analysis of a cycle, bytes.
     #[must_use]
     pub fn with_most_bytes(mut self, bytes: usize) -> Self {
         self.most_bytes = bytes;
         self
     }
 
-    /// The same with channels of cycles in memory of `buffers`.
+    /// Takes the memory of cycles' channels from `buffers`.
     #[must_use]
     pub fn with_buffers(mut self, buffers: Buffers) -> Self {
         self.cutter = self.cutter.with_buffers(buffers);
         self
     }
 
-    /// The same as the cutter that reached `point`; the next row is the first one of its position.
+    /// Restores the cutter that reached `point`; the next row is the first one of its position.
     #[must_use]
     pub fn at(mut self, point: &ResumePoint) -> Self {
         self.stages = self.stages.at(point.stages.clone());
@@ -216,38 +216,38 @@ impl RowCutter {
         self.filled
     }
 
-    /// Whether all cycles that were cut are taken: then the next one begins where its cutter stands.
+    /// Returns true if all cut cycles are taken: the next cycle then begins at the cutter's position.
     #[must_use]
     pub fn all_taken(&self) -> bool {
         self.ready.is_empty() && self.short.is_empty()
     }
 
-    /// What its finder of stages knows before the next row.
+    /// State of the stage finder before the next row.
     #[must_use]
     pub fn stages(&self) -> FinderState {
         self.stages.state()
     }
 
-    /// Where its cutter stands.
+    /// State of the cutter.
     #[must_use]
     pub fn cutter(&self) -> CutterState {
         self.cutter.state()
     }
 
-    /// Rows that have their stage; later ones are held back.
+    /// Rows whose stage is known; later rows wait.
     #[must_use]
     pub fn rows_settled(&self) -> u64 {
         self.rows_settled
     }
 
-    /// Notes the line of the first row that is pushed next, so that a fault in it is told with its line.
+    /// Notes the line of the first row that is pushed next, so that a fault in it is reported with its line.
     pub fn note_line(&mut self, line: u64) {
         if let Some(lines) = &mut self.lines {
             lines.push_back((self.rows_pushed, line));
         }
     }
 
-    /// Takes the next rows. [`next_cycle`](Self::next_cycle) gives the cycles that they end.
+    /// Adds the next rows. [`next_cycle`](Self::next_cycle) returns the cycles that they end.
     pub fn push(&mut self, mut samples: RawSamples) {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
@@ -276,7 +276,7 @@ impl RowCutter {
         self.most_rows.min(cycle_memory::most_rows(self.most_bytes, self.row_bytes).max(LEAST_ROWS))
     }
 
-    /// The remedy of a cycle with more rows than it may have.
+    /// The remedy for a cycle with too many rows.
     fn remedy_of_length(&self) -> String {
         match self.cycle_rows() == self.most_rows {
             true => "if cycles are that long, raise limits.cycle_max_rows".to_owned(),
@@ -289,18 +289,18 @@ impl RowCutter {
         }
     }
 
-    /// Ends the export: now [`next_cycle`](Self::next_cycle) gives its last cycles.
+    /// Ends the export: [`next_cycle`](Self::next_cycle) then returns its last cycles.
     pub fn finish(&mut self) {
         let held = self.stages.finish();
         self.cut(held);
         self.is_ending = true;
     }
 
-    /// The next cycle that the pushed rows end; `None` when all of them are looked at. Behind a fault, nothing is to be
-    /// pushed. A short cycle is held back until a longer one follows.
+    /// The next cycle that the pushed rows end; `None` when all of them are processed. Nothing may be pushed after a
+    /// fault. A short cycle waits until a longer one follows.
     ///
     /// # Errors
-    /// A rejection of rows that make no cycle, after the cycles before them, and of an export without stages.
+    /// A rejection of rows that form no cycle, after the cycles before them, and of an export without stages.
     pub fn next_cycle(&mut self) -> Result<Option<Cycle>, Rejection> {
         loop {
             if let Some(cycle) = self.ready.pop_front() {
@@ -324,7 +324,7 @@ impl RowCutter {
         }
     }
 
-    /// The cycle of a number among those that the pushed rows end.
+    /// Finds the cycle with the number `wanted` among those that the pushed rows end.
     fn find(&mut self, wanted: u32) -> Result<Option<Cycle>, Rejection> {
         while let Some(cycle) = self.next_cycle()? {
             if cycle.number == wanted {
@@ -334,7 +334,7 @@ impl RowCutter {
         Ok(None)
     }
 
-    /// Hands on rows whose stage is settled, except those that are in cycles already.
+    /// Passes on rows whose stage is known, except those that are in cycles already.
     fn cut(&mut self, mut staged: Samples) {
         self.rows_settled += staged.rows() as u64;
         let in_cycles = usize::try_from(self.in_cycles).map_or(staged.rows(), |rows| rows.min(staged.rows()));
@@ -345,7 +345,7 @@ impl RowCutter {
         self.cutter.push(staged);
     }
 
-    /// Takes a cycle that was cut, from a row of the recording on, and gives it, unless it is short.
+    /// Takes a cut cycle that starts at row `first_row` of the recording, and releases it unless it is short.
     fn take(&mut self, mut cycle: Cycle, first_row: u64) -> Result<(), Rejection> {
         cycle.samples.shrink_to_fit();
         if self.slower != SlowerChannels::default() {
@@ -385,7 +385,7 @@ impl RowCutter {
         Ok(())
     }
 
-    /// Gives the cycles before a fault first.
+    /// Releases the cycles before a fault first.
     fn fail(&mut self, fault: Rejection) -> Result<(), Rejection> {
         if self.short.is_empty() {
             return Err(fault);
@@ -395,7 +395,7 @@ impl RowCutter {
         Ok(())
     }
 
-    /// Forgets where rows stand of cycles that are not short.
+    /// Forgets the lines of rows of cycles that are not short.
     fn forget_lines(&mut self) {
         if let Some(lines) = &mut self.lines {
             let kept_from =
@@ -459,7 +459,7 @@ impl RowCutter {
         rejection
     }
 
-    /// The rejection of rows that make no cycle: where a cell is to blame, with its place.
+    /// The rejection of rows that form no cycle, with the place of the faulty cell, if any.
     fn not_cut(&self, error: &SegmentError) -> Rejection {
         let remedy = match error {
             SegmentError::Endless { .. } => &self.remedy_of_length(),
@@ -495,13 +495,14 @@ impl RowCutter {
         }
     }
 
-    /// The line of a row, counted from 0, in the decompressed file; `None` where it is not known.
+    /// The line of a row, counted from 0, in the decompressed file; `None` if unknown.
     fn line_of(&self, row: u64) -> Option<u64> {
         let (rows, line) = self.lines.as_ref()?.iter().rfind(|(rows, _)| *rows <= row)?;
         Some(line + (row - rows))
     }
 
-    /// Hash of time, positions and torques of the first rows, in SI: it does not depend on how they are written.
+    /// Hash of time, positions and torques of the first rows, in SI units: it does not depend on how the file writes
+    /// them.
     #[must_use]
     pub fn first_rows(&self) -> ContentHash {
         self.first_rows.known.unwrap_or_else(|| fingerprint::of_bytes(&self.first_rows.bytes))
@@ -513,7 +514,7 @@ impl RowCutter {
         self.last_time
     }
 
-    /// Rows per second of the first rows, Hz; zero where it is unknown.
+    /// Rows per second of the first rows, Hz; zero if unknown.
     #[must_use]
     pub fn sample_rate(&self) -> f64 {
         let found = || sample_rate(&self.first_times).unwrap_or(0.0);
@@ -521,7 +522,7 @@ impl RowCutter {
     }
 }
 
-/// The first rows of an export as they were recorded, or their hash where they are not read again.
+/// The first rows of an export as recorded, or their hash if they are not read again.
 #[derive(Debug, Default)]
 struct FirstRows {
     rows: usize,
@@ -542,8 +543,8 @@ impl FirstRows {
     }
 }
 
-/// Gives the cycle of number `wanted` to someone who wants to see one again; `None` if the export does not have
-/// it. Reads no further than its end.
+/// Reads the cycle with the number `wanted` for display; `None` if the export does not have it. Reads no further than
+/// its end.
 ///
 /// # Errors
 /// A rejection of the file, of its rows, or of a recording without cycles.

@@ -1,5 +1,5 @@
-//! What becomes of an export, from what is known of it. Pure, so that a command that only looks decides as those
-//! that store.
+//! Decides how to treat an export from the known facts. It has no side effects, so a command that only inspects exports
+//! decides like the commands that store them.
 
 use crate::pipeline::context::Retry;
 use armwatch_config::RewritePolicy;
@@ -7,47 +7,48 @@ use armwatch_ingest::bytes::fingerprint;
 use armwatch_model::run::{ContentPrefix, RunStatus};
 use armwatch_store::KnownRun;
 
-/// An earlier run, compared with the file at hand.
+/// An earlier run, compared with the file under decision.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Compared {
     /// The run.
     pub run: KnownRun,
-    /// What is stored of it was read from these first bytes.
+    /// First bytes of the file that its stored cycles were read from.
     pub read: ContentPrefix,
-    /// Whether the file begins with them.
+    /// True if the file begins with these bytes.
     pub begins_alike: bool,
-    /// Whether it lay at the file's path.
+    /// True if the run was read from the same path.
     pub same_path: bool,
-    /// Whether it lay in a file of this number. Numbers are given again when a file is gone.
+    /// True if the run was read from a file with the same number (inode). The file system reuses the numbers of deleted
+    /// files.
     pub same_file: bool,
-    /// Whether the file's name says its robot.
+    /// True if the file's name gives the run's robot.
     pub same_robot: bool,
-    /// Whether both names say the same robot and moment, and the configuration takes both for the same kind of
-    /// recording.
+    /// True if both names give the same robot and time, and the configuration assigns the same kind of recording to
+    /// both.
     pub same_recording: bool,
 }
 
-/// What is known of an export when its fate is decided.
+/// The known facts about an export when it is decided on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Facts {
-    /// The run of just this content; `None` also of a file that still grows.
+    /// The run with exactly this content; `None` too for a file that still grows.
     pub known: Option<KnownRun>,
-    /// Whether an export of that run is being read now.
+    /// True if an export of that run is being read now.
     pub known_is_open: bool,
-    /// The run of just this file, which another program reads now.
+    /// The run of this very file, if another program reads it now.
     pub read_elsewhere: Option<i64>,
-    /// Whether the file's name says robot and moment of the recording.
+    /// True if the file's name gives the robot and the time of the recording.
     pub names_recording: bool,
-    /// Earlier runs, that of the file's path first, then the newest.
+    /// Earlier runs: the run of the file's path first, then the newest.
     pub earlier: Vec<Compared>,
-    /// What becomes of a run whose recording comes again.
+    /// The policy for a run whose recording arrives again.
     pub on_rewrite: RewritePolicy,
-    /// Whether an export whose fate is decided is read again.
+    /// Selects the decided exports that are read again.
     pub retry: Retry,
 }
 
 impl Facts {
-    /// The same of a file that was cut, if it was: its rows go on behind those of the run before and do not replace them.
+    /// Adjusts the facts for a file that was cut, if `is_cut`: its rows continue the earlier run and do not replace it.
     #[must_use]
     pub fn of_cut_file(self, is_cut: bool) -> Self {
         let on_rewrite = if is_cut { RewritePolicy::KeepBoth } else { self.on_rewrite };
@@ -55,35 +56,35 @@ impl Facts {
     }
 }
 
-/// What becomes of an export.
+/// How an export is treated.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Decision {
-    /// Nothing: its content has its run.
+    /// Nothing is done: a run has its content.
     Known {
         /// The run.
         run: KnownRun,
-        /// An unfinished run that is not to go on, since this file's content is stored otherwise.
+        /// An unfinished run that must not continue, because another run has this file's content.
         unfinished: Option<Unfinished>,
     },
-    /// Nothing now: its content is being read under another name, or the file by another program.
+    /// Nothing is done now: the content is being read under another name, or another program reads the file.
     InWork {
-        /// The run that it becomes.
+        /// The run that the export becomes.
         run_id: i64,
     },
-    /// It is read.
+    /// The export is read.
     Read(Start),
 }
 
-/// How the run of a file begins.
+/// How the run of a file starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
-    /// As this run; `None`: as a new one.
+    /// The run to continue; `None` starts a new one.
     pub continues: Option<i64>,
-    /// In the place of this run.
+    /// The run that this one supersedes.
     pub replaces: Option<i64>,
-    /// What is stored already was read from these first bytes of the file.
+    /// First bytes of the file that the stored cycles were read from.
     pub read: ContentPrefix,
-    /// What is stored already is read anew.
+    /// True if the stored part is read again.
     pub afresh: bool,
 }
 
@@ -92,19 +93,18 @@ pub struct Start {
 pub enum Unfinished {
     /// Its cycles come from the first bytes of this file.
     Prefix(i64),
-    /// This file was written over what it was read from.
+    /// This file overwrote the content that the run was read from.
     Rewritten(i64),
 }
 
-/// Decides on an export.
+/// Decides how to treat an export.
 #[must_use]
 pub fn decide(facts: &Facts) -> Decision {
     let chosen = chosen(&facts.earlier, facts.on_rewrite);
     if let Some(known) = &facts.known {
         let as_this_recording = |of: &Compared| of.run.run_id == known.run_id && of.same_recording;
         let renamed = facts.names_recording && !facts.earlier.iter().any(as_this_recording);
-        // a content that was superseded at this path has come back to it, or this or one that was set aside is said to be
-        // another recording now
+        // a superseded content has returned to its path, or this or a renamed file now counts as another recording
         let returns = match known.status {
             RunStatus::Superseded => chosen.replaces_here || renamed,
             RunStatus::SetAside => renamed,
@@ -127,7 +127,7 @@ pub fn decide(facts: &Facts) -> Decision {
     Decision::Read(Start { continues, replaces, afresh, ..chosen.start })
 }
 
-/// Whether the fate of an export that the ledger knows is decided, so that it is not read.
+/// Returns true if the treatment of a known export is final, so that it is not read.
 #[must_use]
 pub fn is_decided(known: &KnownRun, retry: Retry) -> bool {
     match known.status {
@@ -145,20 +145,20 @@ impl Unfinished {
     }
 }
 
-/// What is chosen among earlier runs.
+/// The choice among earlier runs.
 struct ChosenRun {
     start: Start,
-    /// Whether the run that is taken the place of lay at this path.
+    /// True if the superseded run was read from this path.
     replaces_here: bool,
     unfinished: Option<Unfinished>,
 }
 
 /// Chooses among earlier runs.
 ///
-/// A run is superseded only by the same recording; while it is unfinished, only by one at its own path. A file
-/// whose name says no moment, such as `current.csv`, holds one recording after the other; of those, only an
-/// unfinished one is superseded whose very file was written over. The number of a file says something only with
-/// its robot.
+/// Only the same recording supersedes a run; an unfinished run is superseded only at its own path. A file whose name
+/// gives no time, such as `current.csv`, contains one recording after another; such a file supersedes only an
+/// unfinished run that was read from the very file that was overwritten. A file number counts only together with the
+/// robot.
 fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
     let start = Start { continues: None, replaces: None, read: fingerprint::nothing(), afresh: false };
     let mut chosen = ChosenRun { start, replaces_here: false, unfinished: None };
@@ -166,11 +166,11 @@ fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
         let moved_here = *same_file && *same_robot;
         let here = *same_path || moved_here;
-        // nothing is stored of it that could be wrong
+        // no stored data could be wrong
         let empty = *same_path && *same_file && unfinished && run.cycles_stored == 0;
-        // a header alone is that of any file
+        // every file may begin with the same header
         let faulty = run.status == RunStatus::Quarantined && (*same_path || run.cycles_stored > 0);
-        // another file of the recording that is complete stays as it is
+        // a complete run keeps its state if the recording appears in another file
         let goes_on = (*same_path || *same_robot) && (unfinished || (complete && here) || faulty);
         // every file begins with no bytes
         let begins_alike = *begins_alike && (read.bytes > 0 || here);
@@ -207,8 +207,7 @@ mod tests {
         KnownRun { run_id, status, reason: None, cycles_stored: 2, retry_asked: false }
     }
 
-    /// A run with two stored cycles, of another recording of this robot that lay elsewhere; `of` says what else is
-    /// known of it.
+    /// A run with two stored cycles, of another recording of this robot at another path; `of` lists the other facts.
     fn earlier(run_id: i64, status: RunStatus, of: &str) -> Compared {
         let is = |word| of.split(' ').any(|found| found == word);
         Compared {
@@ -243,7 +242,7 @@ mod tests {
         use RunStatus::{Complete, Quarantined, Streaming, Superseded};
         let none = fingerprint::nothing();
         for (status, of, continues, replaces) in [
-            // the beginning of this file is stored: it goes on
+            // the beginning of this file is stored: the run continues
             (Streaming, "path file alike", Some(1), None),
             (Streaming, "path file alike recording", Some(1), None),
             (Complete, "path file alike recording", Some(1), None),
@@ -251,10 +250,10 @@ mod tests {
             (Quarantined, "path file alike recording", Some(1), None),
             (Quarantined, "alike", Some(1), None),
             (Superseded, "path file alike recording", None, None),
-            // a longer file elsewhere is another file; one that goes on where a reader was cut short is the same
+            // a longer file at another path is another file; a file that continues an interrupted read is the same
             (Complete, "alike recording", None, Some(1)),
             (Streaming, "alike recording", Some(1), None),
-            // written over: only the same recording takes its place
+            // overwritten: only the same recording supersedes the run
             (Complete, "path file recording", None, Some(1)),
             (Complete, "path file", None, None),
             (Complete, "recording", None, Some(1)),
@@ -264,12 +263,12 @@ mod tests {
             (Streaming, "path", None, None),
             (Streaming, "path file", None, Some(1)),
             (Quarantined, "recording", None, None),
-            // nothing is stored of it
+            // no cycle is stored
             (Streaming, "path file empty", Some(1), None),
             (Streaming, "path empty", Some(1), None),
             (Streaming, "file empty", Some(1), None),
             (Streaming, "recording empty", None, None),
-            // the number of a file that is gone was given to another robot's
+            // the number of a deleted file was reused for another robot's file
             (Streaming, "file other_robot", None, None),
             (Streaming, "file empty other_robot", None, None),
             (Streaming, "file alike other_robot", None, None),
@@ -313,7 +312,7 @@ mod tests {
             let without_start = Facts { names_recording: false, ..of(status, vec![]) };
             assert_eq!(decide(&without_start), stands(known(7, status), None), "{status:?}");
         }
-        // a copy of another name is no other recording, unless it had lost its place to one
+        // a copy with another name is not another recording, unless it was superseded by one
         for status in [Complete, Quarantined] {
             assert_eq!(decide(&of(status, vec![])), stands(known(7, status), None), "{status:?}");
         }
@@ -323,7 +322,7 @@ mod tests {
         assert_eq!(decide(&of(Streaming, vec![])), reads(Some(7), None, none));
         let again = Facts { retry: Retry::Quarantined, ..of(Quarantined, vec![]) };
         assert_eq!(decide(&again), reads(Some(7), None, none));
-        // asked for by its number, a complete one is read from its start; what lost its place to another stays
+        // a complete run that is requested by its number is read from the start; a superseded one stays superseded
         let anew = |of: Facts| decide(&Facts { retry: Retry::Complete, ..of });
         let start = Start { continues: Some(7), replaces: None, read: none, afresh: true };
         for status in [Complete, Quarantined] {
@@ -338,19 +337,20 @@ mod tests {
         assert_eq!(decide(&facts(Some(asked), vec![])), reads(Some(7), None, none));
         let open = Facts { known_is_open: true, ..of(Streaming, vec![]) };
         assert_eq!(decide(&open), Decision::InWork { run_id: 7 });
-        // another program goes on with the run of this file, whose content is no run's yet
+        // another program continues the run of this file; no run has its content yet
         let elsewhere = Facts { read_elsewhere: Some(5), ..facts(None, vec![]) };
         assert_eq!(decide(&elsewhere), Decision::InWork { run_id: 5 });
         let stored = Facts { read_elsewhere: Some(5), ..of(Complete, vec![]) };
         assert_eq!(decide(&stored), stands(known(7, Complete), None));
 
-        // superseded by a file elsewhere it stays so; by one at this path that it has come back to, it does not
+        // a run superseded by a file at another path stays superseded, unless its content has returned to the path of
+        // the run that superseded it
         let elsewhere = vec![earlier(8, Complete, "recording"), earlier(7, Superseded, "recording")];
         assert_eq!(decide(&of(Superseded, elsewhere)), stands(known(7, Superseded), None));
         let here = vec![earlier(8, Complete, "path file recording"), earlier(7, Superseded, "recording")];
         assert_eq!(decide(&of(Superseded, here)), reads(Some(7), Some(8), none));
 
-        // what was begun of it under another number goes
+        // the unfinished run of this content under another number is removed
         let begun = vec![earlier(9, Streaming, "path file alike")];
         assert_eq!(decide(&of(Complete, begun)), stands(known(7, Complete), Some(Unfinished::Prefix(9))));
         let other = vec![earlier(9, Streaming, "path file")];

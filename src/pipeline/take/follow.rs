@@ -1,9 +1,9 @@
-//! Exports that are taken while they grow: the same way as a settled one, from a reader that waits at the end
-//! of what is written.
+//! Reads exports while they grow. They are read like settled ones, but by a reader that waits at the end of the written
+//! rows.
 //!
-//! Whatever is out of the ordinary here (rows that are not understood, a compressed file, an unknown
-//! robot) is left until the file has settled, and then judged on the whole of it: what is half written may
-//! look wrong and become right. Cycles stored until then stay, and the run goes on.
+//! Anything unusual (rows that are not understood, a compressed file, an unknown robot) is left until the file has
+//! settled, and is then decided on the whole file: a half-written row may look wrong and become right. Cycles stored
+//! until then stay, and the run continues.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -35,40 +35,40 @@ use armwatch_model::run::{ContentHash, RunKind};
 use armwatch_model::text;
 use armwatch_store::{AttemptKind, BlockReason, Identity, SourceState, StoreError};
 
-/// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
-/// cycle is promised to be stored; ten looks a second cost a local disk nothing.
+/// Time between two looks at a growing file. A row waits at most a tenth of the second within which its cycle is
+/// promised to be stored; ten looks per second cost a local disk almost nothing.
 const LOOK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What came of following a file.
+/// The result of following a file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Followed {
-    /// It is done, or changed, or a stop was asked for.
+    /// The file is complete, or changed, or a stop was requested.
     Outcome(Outcome),
-    /// Its header is not whole yet.
+    /// Its header is not complete yet.
     NotYet,
-    /// It is to be judged when it has settled.
+    /// It is decided on when it has settled.
     UntilSettled,
-    /// It cannot be read on, for this reason, until it is corrected or has settled; this is written down.
+    /// It cannot be read further, for this reason, until it is corrected or has settled; the reason is stored.
     Blocked(Rejection),
-    /// It gave its place to another file; its run goes on behind its last stored cycle.
+    /// It gave its place to another file; its run continues after its last stored cycle.
     GaveWay,
 }
 
-/// What ends the reading of a growing export from outside.
+/// External causes that end the reading of a growing export.
 #[derive(Debug, Clone)]
 pub struct Ends {
-    /// The program is to end: reading ends at once.
+    /// The program ends: reading ends at once.
     pub stop: CancellationToken,
-    /// Another file wants the place: reading ends when all that is written is read, or behind the next cycle.
+    /// Another file needs the place: reading ends when all written rows are read, or after the next cycle.
     pub give_way: CancellationToken,
 }
 
 impl Pipeline {
-    /// Takes an export that may still grow, cycle by cycle as its rows are written, until it is done: see
-    /// [`tail`]. A file that stands still for `settle` is done; what else ends its reading is in `ends`.
+    /// Reads an export that may still grow, cycle by cycle as its rows are written, until it is complete: see [`tail`].
+    /// A file that has not changed for `settle` is complete; `ends` lists the other causes that end reading.
     ///
     /// # Errors
-    /// As [`Pipeline::process`].
+    /// Those of [`Pipeline::process`].
     pub async fn follow(
         &self,
         path: &Path,
@@ -85,7 +85,7 @@ impl Pipeline {
         followed
     }
 
-    /// Follows a file of which no other program reads; the ledger calls it `name`.
+    /// Follows a file that no other program reads; its name in the ledger is `name`.
     async fn follow_counted(
         &self,
         (path, name): (&Path, &str),
@@ -109,7 +109,7 @@ impl Pipeline {
         }
     }
 
-    /// Writes down that a growing file cannot be read on. The log has it once.
+    /// Stores that a growing file cannot be read further. The log shows it once.
     async fn blocked(
         &self,
         (path, name): (&Path, &str),
@@ -139,13 +139,13 @@ impl Pipeline {
         ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
-        // which parts there are is known when they have settled
+        // the set of parts is known when they have settled
         if Parts::of(path).is_some() {
             return Ok(Followed::UntilSettled);
         }
         let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
             Ok(recognised) => recognised,
-            // the row that says the start may not be written yet
+            // the row with the start is possibly not written yet
             Err(rejection) if rejection.is_passing => return Ok(Followed::NotYet),
             Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
@@ -171,7 +171,7 @@ impl Pipeline {
         followed
     }
 
-    /// Opens a file whose first line is no header, if its rows go on under the header that it had before.
+    /// Opens a file whose first line is not a header, if its rows continue under the header that it had before.
     async fn open_going_on(&self, path: &Path, entry: &FleetEntry) -> Result<Option<Opening>, PipelineError> {
         let Some(state) = intake::source_state(path) else { return Ok(None) };
         let Some(header) = cut_file::header_before(self, path, state, entry).await? else { return Ok(None) };
@@ -179,7 +179,7 @@ impl Pipeline {
         Ok(self.with_files(move || open(&owned, &arm, Some(&header))).await?.ok())
     }
 
-    /// Reads a growing export whose run is begun.
+    /// Reads a growing export whose run has started.
     async fn follow_begun(
         &self,
         (opened, intake): (Opened, AdmittedExport),
@@ -216,11 +216,11 @@ impl Pipeline {
                 }
             }
         };
-        // what was stored before the program ended may not be judged yet
+        // cycles stored before the program ended are possibly not evaluated yet
         if intake.cycles_stored > 0 {
             grown(Progress::Cycle(intake.cycles_stored));
         }
-        // of many files that grow none keeps memory for its next cycle
+        // many growing files may be idle: none of them keeps memory for its next cycle
         let ((end, grown), refused) =
             match self.stream(&intake, &method, (Lane::Live, Buffers::default()), reading, grown).await {
                 Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
@@ -268,7 +268,7 @@ impl Pipeline {
             Decision::InWork { run_id } => {
                 return Ok(Err(Followed::Outcome(Outcome::InWork { run_id: Some(run_id) })));
             }
-            // of a content that is known as a whole
+            // the whole content is already known
             Decision::Known { .. } => return Ok(Err(Followed::UntilSettled)),
         };
         if start.continues.is_none()
@@ -276,7 +276,7 @@ impl Pipeline {
         {
             return Ok(Err(Followed::Blocked(rejection)));
         }
-        // stands in until the content is whole
+        // placeholder until the content is read completely
         let no_hash = ContentHash([0; 32]);
         let Recognised { entry, robot, started_at, .. } = recognised;
         let model = &entry.description.model;
@@ -305,7 +305,7 @@ struct Opened {
     export: ExportReader<HashingReader<Tail>>,
     growth: Growth,
     state: SourceState,
-    /// Its rows are read under a header that the file had before.
+    /// True if its rows are read under a header that the file had before.
     goes_on: bool,
 }
 
@@ -332,7 +332,7 @@ fn open(path: &Path, entry: &FleetEntry, before: Option<&str>) -> Result<Opening
     })
 }
 
-/// How reading ended, and the state of the file that it read to the end, and when that was last written.
+/// How reading ended, with the state of the file that was read to the end and the time of its last write.
 type GrownEnd = (ReadEnd, Option<(SourceState, Timestamp)>);
 
 impl FromRejection for GrownEnd {
@@ -351,7 +351,7 @@ fn read_growing(
 ) -> GrownEnd {
     let Opened { mut export, mut growth, .. } = opened;
     let end = read(&mut export, &mut growth, intake, cycles, settle, ends, progress);
-    // of the size that was read: a file that has grown since is another one
+    // with the size that was read: a file that has grown since is another one
     let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
     let written_at = growth.written_at().ok().and_then(|at| Timestamp::try_from(at).ok());
     (end.unwrap_or_else(ReadEnd::Rejected), state.zip(written_at))
@@ -373,7 +373,7 @@ fn read(
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
     let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?.with_header(export.header());
-    // whether all that was written was read at the last look: then what is read next was written just now
+    // true if the last look read all written rows: rows read next were then written just now
     let mut is_up = false;
     loop {
         let (began, written) = (Instant::now(), if is_up { growth.written_at().ok() } else { None });
@@ -397,7 +397,7 @@ fn read(
                 }
                 Fate::Done => {}
                 Fate::Rewritten => match shortened_to(growth) {
-                    // as where it is deleted: what was read of it is the recording
+                    // like a deleted file: the rows read so far are the recording
                     Some(bytes) if cutting.cycle_count() > 0 => {
                         tracing::warn!(
                             file = %intake.path.display(), run_id = intake.run_id,
@@ -422,23 +422,24 @@ fn read(
     cutting.end(export.rows(), export.passed_over().rows)
 }
 
-/// The size of a file that is shorter than what was read of it, bytes.
+/// The size of a file that is shorter than the part that was read, bytes.
 fn shortened_to(growth: &Growth) -> Option<u64> {
     let (_, bytes, _) = growth.state().ok()?;
     (bytes < growth.hash().bytes()).then_some(bytes)
 }
 
-/// Ends the attempt at a growing file once all that is written was read and is stored: a file that is written for days is
-/// no suspect all the time. What is written later and ends the program is counted from the next start on.
+/// Ends the attempt at a growing file once all written rows are read and stored, so that a file that is written for
+/// days is not a suspect all the time. If rows written later crash the program, counting starts again with the next
+/// start.
 struct Survived {
     pipeline: Pipeline,
     name: String,
-    /// Cycles that are stored.
+    /// Stored cycles.
     stored: Arc<AtomicU32>,
 }
 
 impl Survived {
-    /// Notes that all that is written was read, which are so many whole cycles.
+    /// Notes that all written rows were read; they make `cycles` whole cycles.
     fn note(&mut self, cycles: u32) {
         if self.name.is_empty() || self.stored.load(Ordering::Relaxed) < cycles {
             return;
@@ -456,9 +457,9 @@ impl Survived {
     }
 }
 
-/// Waits until the next look, shorter if a stop is asked for.
+/// Waits until the next look; a requested stop ends the wait.
 fn pause(stop: &CancellationToken) {
-    // either way it is time to go on
+    // continue in either case
     let _ = Handle::current().block_on(tokio::time::timeout(LOOK_INTERVAL, stop.cancelled()));
 }
 
@@ -467,7 +468,7 @@ fn state_of(growth: &Growth) -> Option<SourceState> {
     Some(SourceState { bytes, modified: Timestamp::try_from(modified).ok()?, file })
 }
 
-/// Read once more as a whole when it has settled, it goes into quarantine if the database still refuses it.
+/// The file is read again as a whole when it has settled, and is quarantined if the database still refuses it.
 fn refused_by_database(path: &Path, detail: &str) -> Followed {
     let reason = format!("results that the database refuses: {detail}");
     Followed::Blocked(Rejection::of_file(path, reason, "report it with this file"))

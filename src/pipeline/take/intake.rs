@@ -29,21 +29,20 @@ use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
 use armwatch_model::text;
 use armwatch_store::{EarlierRun, Identity, KnownRun, RecordingName, RunStart, SourceState, Store};
 
-/// Whether an export needs reading.
+/// Result of the admission of an export.
 #[derive(Debug)]
 pub enum Admission {
     /// It needs reading.
     Read(Box<AdmittedExport>),
-    /// Its fate is decided.
+    /// Its treatment is final.
     Decided(Outcome),
 }
 
-/// Looks an export up by its content and lets it in if it is new, or was left unfinished. `hashed` are its content and its
-/// bytes, where they are known.
+/// Looks up an export by its content and admits it if it is new or unfinished. `hashed` contains its content and its
+/// number of bytes, if they are known.
 ///
 /// # Errors
-/// Those of the store. A file that cannot be read is quarantined; one that vanished is
-/// [`Outcome::Changed`].
+/// Those of the store. A file that cannot be read is quarantined; one that vanished is [`Outcome::Changed`].
 pub async fn admit(
     pipeline: &Pipeline,
     path: &Path,
@@ -80,7 +79,7 @@ pub async fn admit(
     admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await
 }
 
-/// What is known of an export whose content cannot be read.
+/// Header of a run whose export's content cannot be read, from its name.
 fn header_of_name(pipeline: &Pipeline, path: &Path) -> RunHeader {
     let (store, recognition) = (pipeline.store(), &pipeline.config().recognition);
     let recognised = recognition.recognise(&file_name(path)).ok();
@@ -89,7 +88,7 @@ fn header_of_name(pipeline: &Pipeline, path: &Path) -> RunHeader {
     header(path, ledger_path(store, path), &robot, "", started_at, path_identity(store, path), 0)
 }
 
-/// As [`admit`], for a file whose content could be read.
+/// Like [`admit`], for a file whose content was readable.
 async fn admit_content(
     pipeline: &Pipeline,
     path: &Path,
@@ -105,12 +104,12 @@ async fn admit_content(
         Err(rejection) => return Ok(Admission::Decided(Outcome::Unreadable { rejection })),
     };
     forget_unreadable(pipeline, path).await?;
-    // a part that came before the one that it follows
+    // a part that arrived before its predecessor
     for late in Parts::of(path).map_or_else(Vec::new, |parts| parts.later()) {
         forget_unreadable(pipeline, &late).await?;
     }
     let header_before = match &recognised {
-        // few files are rewritten
+        // files are rarely rewritten
         Ok(recognised) if facts.earlier.iter().any(|of| of.same_file && !of.begins_alike) => {
             cut_file::header_of(pipeline, path, state, recognised.entry).await?
         }
@@ -129,7 +128,7 @@ async fn admit_content(
         Decision::Read(start) => start,
     };
     let questioned = match recognised {
-        // a run that goes on has its robot
+        // a continued run already has its robot
         Ok(recognised) if start.continues.is_none() => {
             let question = new_robot::question(pipeline, path, &recognised).await?;
             question.map_or(Ok(recognised), Err)
@@ -161,7 +160,7 @@ async fn admit_content(
     Ok(Admission::Read(Box::new(AdmittedExport { header_before, ..intake })))
 }
 
-/// Begins or goes on with the run of a file.
+/// Starts or continues the run of a file.
 ///
 /// # Errors
 /// Those of the store.
@@ -208,9 +207,9 @@ pub(in crate::pipeline) async fn begin(
     })
 }
 
-/// What is known of the file at `path` when its fate is decided: its first bytes are compared with what runs were
-/// read from that lay at this path, in this file, or are of this recording. A rejection if the file cannot be read
-/// now. Nothing is written.
+/// Collects the facts about the file at `path` for the decision. Compares its first bytes with the content of earlier
+/// runs of the same path, the same file or the same recording. Returns a rejection if the file cannot be read now.
+/// Writes nothing.
 ///
 /// # Errors
 /// Those of the store.
@@ -234,7 +233,7 @@ pub(in crate::pipeline) async fn facts(
     let mut earlier = pipeline.store().earlier_runs(&ledger_path, state.file, recording).await?;
     let of_others = pipeline.store().runs_of_others().await?;
     let is_open = |run_id: i64| pipeline.is_open(run_id) || of_others.contains(&run_id);
-    // what this program reads is another file's, which had this name; another program may read this very file
+    // a run open in this program belongs to another file, which had this name; another program may read this very file
     earlier.retain(|of| {
         let run_id = of.run.run_id;
         !pipeline.is_open(run_id) && (of.same_path || !of_others.contains(&run_id))
@@ -242,7 +241,7 @@ pub(in crate::pipeline) async fn facts(
     let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
     let owned = path.to_path_buf();
     let compared = pipeline.with_files(move || {
-        // a failure to read must not pass for another content
+        // a failure to read must not count as a different content
         let begins_with = |read: ContentPrefix| match fingerprint::prefix(&owned, read.bytes) {
             Ok(prefix) => Ok(prefix == Some(read)),
             Err(error) => Err(Rejection::from_io(&owned, &error)),
@@ -279,16 +278,16 @@ pub(in crate::pipeline) async fn facts(
     }))
 }
 
-/// Whether a file is the recording of an earlier run once more: both names say robot and moment, and the
-/// configuration takes both alike. A log of work that was begun with a test is another recording.
+/// Returns true if a file repeats the recording of an earlier run: both names give robot and time, and the
+/// configuration assigns the same kind to both. A production log of a run that began as a test is another recording.
 fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun) -> bool {
     let Some((robot, started_at)) = file.recording() else { return false };
     let same_moment = match config.recognition.recognise(&earlier.source_name) {
         Ok(named) => named.robot == robot && named.is_definite && named.started_at == Some(started_at),
-        // its name was read by another pattern
+        // its name was read with another pattern
         Err(_) => earlier.robot == robot && earlier.started_at == started_at,
     };
-    // the kind is known since reading began
+    // the kind is known once reading has begun
     let same_kind =
         earlier.run.cycles_stored == 0 || earlier.kind == file.entry.layout.stage.kind().run_kind();
     let entry = config.export_entry(&earlier.robot, &earlier.source_name);
@@ -296,7 +295,7 @@ fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun)
 }
 
 impl Pipeline {
-    /// Writes down why a file or link is not read, unless that is written down already.
+    /// Stores why a file or link is not read, unless that is stored already.
     ///
     /// # Errors
     /// Those of the store.
@@ -311,7 +310,7 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Deletes what [`Pipeline::list_skipped`] has written down.
+    /// Deletes the entry that [`Pipeline::list_skipped`] stored.
     ///
     /// # Errors
     /// Those of the store.
@@ -320,21 +319,21 @@ impl Pipeline {
     }
 }
 
-/// Takes away what was written down of a file while it could not be read.
+/// Deletes the entry of a file that was unreadable before.
 pub(in crate::pipeline) async fn forget_unreadable(
     pipeline: &Pipeline,
     path: &Path,
 ) -> Result<(), PipelineError> {
     let known = pipeline.store().lookup(&path_identity(pipeline.store(), path)).await?;
-    // one with cycles is known by what they were read from
+    // the bytes of its cycles identify a run with cycles
     if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined && run.cycles_stored == 0) {
         pipeline.store().discard_run(run.run_id).await?;
     }
     Ok(())
 }
 
-/// Leaves a file whose content is stored as `run_id`: an unfinished run that was read from it goes, or stands
-/// as superseded where the file was rewritten.
+/// Leaves a file whose content is stored as `run_id`. An unfinished run that was read from it is removed, or marked as
+/// superseded if the file was overwritten.
 async fn leave(
     pipeline: &Pipeline,
     run_id: i64,
@@ -350,7 +349,7 @@ async fn leave(
     Ok(())
 }
 
-/// What is said of an export whose fate is decided by its run.
+/// The outcome of an export whose run decides its treatment.
 #[must_use]
 pub fn decided(path: &Path, known: KnownRun) -> Outcome {
     match known.status {
@@ -366,7 +365,7 @@ pub fn decided(path: &Path, known: KnownRun) -> Outcome {
     }
 }
 
-/// Number, size and time of a file; `None` where it is not there, or the file system does not tell.
+/// Number, size and time of a file; `None` if it does not exist, or the file system does not report them.
 #[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
     let state = parts::state(path).ok()?;
@@ -374,8 +373,8 @@ pub fn source_state(path: &Path) -> Option<SourceState> {
     Some(SourceState { bytes: state.bytes, modified, file: state.file })
 }
 
-/// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.
-/// Runs on a blocking thread; ends early when the receiver is gone or a stop is asked for. Their channels take memory of
+/// Reads the settled export of `intake` and sends its cycles, except those already stored. Runs on a blocking thread.
+/// Ends early when the receiver is dropped or a stop is requested. The channels of the cycles take memory from
 /// `buffers`.
 pub fn read_cycles(
     intake: &AdmittedExport,
@@ -389,8 +388,8 @@ pub fn read_cycles(
     read_if(intake, (options, buffers), cycles, stop, progress, is_admitted).unwrap_or_else(ReadEnd::Rejected)
 }
 
-/// As [`read_cycles`], of an export that the ledger has not let in yet, so that its content is not known. Its hash is
-/// put into `whole` with the last row.
+/// Like [`read_cycles`], for an export that the ledger has not admitted yet, so that its content is unknown. Its hash
+/// is stored in `whole` with the last row.
 pub(in crate::pipeline) fn read_before_its_turn(
     export: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
@@ -400,7 +399,7 @@ pub(in crate::pipeline) fn read_before_its_turn(
     buffers: Buffers,
 ) -> ReadEnd {
     let is_sound = |content| {
-        // nobody else sets it
+        // nothing else sets it
         let _ = whole.set(content);
         true
     };
@@ -408,7 +407,7 @@ pub(in crate::pipeline) fn read_before_its_turn(
     read_if(export, options, cycles, stop, progress, is_sound).unwrap_or_else(ReadEnd::Rejected)
 }
 
-/// As [`read_cycles`], in blocks of any size.
+/// Like [`read_cycles`], in blocks of any size.
 #[cfg(test)]
 pub(in crate::pipeline) fn read(
     intake: &AdmittedExport,
@@ -421,7 +420,7 @@ pub(in crate::pipeline) fn read(
     read_if(intake, (options, Buffers::default()), cycles, stop, progress, is_admitted)
 }
 
-/// Reads; whether the content is the one that is asked for is asked behind its last row.
+/// Reads the export; after its last row, `is_asked_for` checks the content.
 fn read_if(
     intake: &AdmittedExport,
     (options, buffers): (ReadOptions, Buffers),
@@ -456,33 +455,33 @@ fn read_if(
     cutting.end(export.rows(), export.passed_over().rows)
 }
 
-/// What an export's name says of it.
+/// The facts that an export's name gives.
 #[derive(Debug, Clone)]
 pub struct Recognised<'a> {
     /// The robot's description and the layout of its exports.
     pub entry: &'a FleetEntry,
     /// The individual robot.
     pub robot: String,
-    /// Start of the recording: from its rows or its name or, without one there, the file's time, which is that of its end.
+    /// Start of the recording from its rows or its name; otherwise the file's time, which is that of its end.
     pub started_at: Timestamp,
-    /// Whether the rows or the name say the start.
+    /// True if the rows or the name give the start.
     pub named_start: bool,
-    /// Whether they say the moment, so that no other recording of the robot has it.
+    /// True if they give a time that no other recording of the robot has.
     is_definite: bool,
 }
 
 impl Recognised<'_> {
-    /// Which recording it is, where the name says so.
+    /// Robot and start of the recording, if the name gives them.
     #[must_use]
     pub fn recording(&self) -> Option<(&str, Timestamp)> {
         self.is_definite.then_some((self.robot.as_str(), self.started_at))
     }
 }
 
-/// Which robot made the export, and when, by its file name.
+/// Recognises the robot of an export, and its time, by the file name.
 ///
 /// # Errors
-/// A rejection of a name that says no robot, or one without description.
+/// A rejection of a name that gives no robot, or a robot without description.
 pub fn recognise<'a>(
     config: &'a Config,
     path: &Path,
@@ -532,7 +531,7 @@ async fn quarantined(
     Ok(Outcome::Quarantined { run_id, rejection, cycles: 0, known: false })
 }
 
-/// What is known of an export before its rows are read; `ledger_path` is [`ledger_path`]'s.
+/// Facts about an export before its rows are read; `ledger_path` is the result of [`ledger_path`].
 #[must_use]
 pub fn header(
     path: &Path,
@@ -554,18 +553,19 @@ pub fn header(
     }
 }
 
-/// Name of an export; of one in an archive, the name that it had before; of one in several files, that of its first part.
+/// Name of an export; for an export in the archive, its name before archiving; for one in several files, that of the
+/// first part.
 pub(in crate::pipeline) fn file_name(path: &Path) -> String {
     original_name(&text::of_file_name(&parts::named_by(path))).into_owned()
 }
 
-/// A path as the ledger has it.
+/// A path in the form of the ledger.
 #[must_use]
 pub fn ledger_path(store: &Store, path: &Path) -> String {
     store.located(source::path_text(path))
 }
 
-/// Identity of a file whose content cannot be read: its path stands in.
+/// Identity of a file whose content cannot be read: a hash of its path.
 pub(in crate::pipeline) fn path_identity(store: &Store, path: &Path) -> ContentHash {
     let text = source::path_text(path);
     let located = store.located(text.clone());
@@ -573,7 +573,7 @@ pub(in crate::pipeline) fn path_identity(store: &Store, path: &Path) -> ContentH
     fingerprint::of_bytes(bytes)
 }
 
-/// Modification time of a file, the best guess at its recording where its name has none.
+/// Modification time of a file, the best estimate of its recording's time if its name has none.
 #[must_use]
 pub fn file_time(path: &Path) -> Timestamp {
     parts::state(path)

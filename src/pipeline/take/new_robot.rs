@@ -1,5 +1,5 @@
-//! Exports of a robot that is not known: a name that may be another robot's is questioned, and one that the pattern of file
-//! names does not match is said.
+//! Exports of an unknown robot: a name that may be another robot's is questioned, and one that does not match the
+//! pattern of file names is reported.
 
 use std::path::Path;
 
@@ -10,7 +10,8 @@ use armwatch_ingest::rejection::Rejection;
 use armwatch_model::robot::name::{NameLikeness, likeness, original_of};
 use armwatch_model::text;
 
-/// Why an export does not become the first of a new robot; `None` where its robot is known, or the name is its own.
+/// Why an export does not become the first of a new robot; `None` if its robot is known, or the name is clearly its
+/// own.
 ///
 /// # Errors
 /// Those of the store.
@@ -20,7 +21,7 @@ pub(in crate::pipeline) async fn question(
     recognised: &Recognised<'_>,
 ) -> Result<Option<Rejection>, PipelineError> {
     let robot = &recognised.robot;
-    // a configuration that names it has answered
+    // the configuration names it, which is an answer
     if recognised.entry.robots == *robot || pipeline.store().knows_robot(robot).await? {
         return Ok(None);
     }
@@ -53,7 +54,7 @@ pub(in crate::pipeline) async fn question(
     Ok(Some(Rejection::of_file(path, reason, remedy)))
 }
 
-/// Says that a file has made a new robot although the pattern of file names does not match it.
+/// Reports that a file has created a new robot although the pattern of file names does not match it.
 ///
 /// # Errors
 /// Those of the store.

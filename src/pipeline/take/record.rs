@@ -1,4 +1,4 @@
-//! From analyses to the database: one transaction a cycle, one for the end of a run.
+//! Stores analyses in the database: one transaction per cycle, one for the end of a run.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -23,23 +23,23 @@ use armwatch_model::run::{RunHeader, RunKind};
 use armwatch_model::text;
 use armwatch_store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals};
 
-/// So many cycles of a test in a row without parameters and without friction end it: the reason is the same for all, and their
-/// factors would fill the database. Ten times the cycles of the whole test.
+/// Most cycles of a test in a row without parameters and friction before it ends: all have the same reason, and their
+/// factors would fill the database. This is ten times the cycles of the whole test.
 const MOST_WITHOUT_RESULT: usize = 250;
 
-/// What recording the cycles of an export came to.
+/// The result of recording the cycles of an export.
 #[derive(Debug, Default)]
 pub struct RecordedExport {
     /// Cycles without parameters, each with its reason.
     pub refused: Vec<(u32, String)>,
-    /// Why the run cannot be complete, if an analysis panicked or too many cycles have no result.
+    /// Why the run cannot be complete: an analysis panicked, or too many cycles have no result.
     pub rejection: Option<Rejection>,
 }
 
 /// Records analyses in the order of their cycles.
 ///
 /// # Errors
-/// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
+/// Those of the store. A panic of an analysis is a rejection of this run; other runs continue.
 pub(in crate::pipeline) async fn cycles(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
@@ -94,11 +94,11 @@ pub(in crate::pipeline) async fn cycles(
 #[derive(Debug, Default)]
 struct WithoutResult {
     count: usize,
-    /// Why the last of them did not.
+    /// The reason for the last of them.
     reason: String,
 }
 
-/// The last stored cycles of a run that are such: the same cycles are stored, however often reading is interrupted.
+/// The last stored cycles of a run without result: the same cycles are stored, however often reading is interrupted.
 async fn stored_without_result(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
@@ -129,10 +129,10 @@ fn too_many_without_result(intake: &AdmittedExport, without: &WithoutResult) -> 
     })
 }
 
-/// Ends a run: what it says as a whole and its mark of completion, in one transaction. Where another run was
-/// completed with the same content meanwhile, this one goes. What the robot's history says with it is
-/// concluded later, see [`Pipeline::conclude`]. `written_at` is when the file was last written: where its name says no
-/// start, the recording began its duration before, whether it was read while it grew or later.
+/// Ends a run: stores its overall results and its completion, in one transaction. If another run with the same content
+/// was completed in the meantime, this one is removed. Conclusions from the robot's history follow later, see
+/// [`Pipeline::conclude`]. `written_at` is the last write time of the file. If the file's name gives no start, the
+/// start is that time minus the recording's duration, for growing and settled files.
 ///
 /// # Errors
 /// Those of the store.
@@ -200,7 +200,7 @@ pub async fn finish(
     }))
 }
 
-/// The moment `duration` seconds before another, to the microsecond.
+/// The time `duration` seconds before `end`, to the microsecond.
 #[must_use]
 pub fn start_before(end: Timestamp, duration: f64) -> Timestamp {
     let duration = Duration::try_from_secs_f64(duration).unwrap_or_default();
@@ -208,7 +208,7 @@ pub fn start_before(end: Timestamp, duration: f64) -> Timestamp {
     end.checked_sub(duration).unwrap_or(end)
 }
 
-/// What a test says as a whole; a log of production says nothing beyond its windows.
+/// Overall results of a test; a production log has none beyond its windows.
 async fn analyse_test(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
@@ -230,7 +230,7 @@ async fn analyse_test(
     Ok((analysis.await?, speed_fits))
 }
 
-/// Quarantines an export that was let in; whole cycles before the fault stay stored.
+/// Quarantines an admitted export; whole cycles before the fault stay stored.
 ///
 /// # Errors
 /// Those of the store.
@@ -239,7 +239,7 @@ pub async fn quarantine(
     intake: &AdmittedExport,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
-    // any file that ends with .csv has a name: without a start in it and a row that is understood, it is no robot's
+    // any file that ends with .csv has a name: without a start in it and without a readable row, it belongs to no robot
     let rejection =
         super::cut_file::with_cause(pipeline, &intake.path, Some(intake.run_id), rejection).await?;
     let robot = if intake.named_start { &intake.header.robot } else { UNKNOWN_ROBOT };
@@ -249,8 +249,7 @@ pub async fn quarantine(
     Ok(Outcome::Quarantined { run_id, rejection, cycles, known: false })
 }
 
-/// Writes down why an export was not understood, with the place in the file as far as it can be found.
-/// Returns the key of the run.
+/// Stores why an export was not understood, with the place in the file if it can be found. Returns the key of the run.
 pub(in crate::pipeline) async fn write_down(
     pipeline: &Pipeline,
     header: &RunHeader,

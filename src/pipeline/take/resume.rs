@@ -1,8 +1,8 @@
-//! Resume points: where reading an export continues after a restart, with the state of reader, stage finder and
-//! cutter, as bytes that the database keeps with the cycles.
+//! Resume points: where reading an export continues after a restart. A point contains the state of reader, stage finder
+//! and cutter, as bytes that the database stores with the cycles.
 //!
-//! A point is taken where the cutter has just cut. Reading continues at the start of the block of rows that holds the
-//! cut, where the state of the reader is a few numbers; rows that are in cycles already are left out once their stage
+//! A point is taken when the cutter has just cut. Reading continues at the start of the block of rows that contains the
+//! cut, because the reader's state is a few numbers there; rows that are in cycles already are dropped once their stage
 //! is known. A point is used only if its version, its layout, its description and all its bytes are right; otherwise
 //! the export is read from its start.
 
@@ -26,13 +26,14 @@ use armwatch_model::run::ContentHash;
 use armwatch_model::text;
 use armwatch_store::StoredPoint;
 
-/// Changes with the meaning of what is written down, and of the rows that it makes: reader, stages and cycles.
+/// Changes whenever the meaning of the stored state changes, or the rows that follow from it: reader, stages and
+/// cycles.
 const VERSION: u64 = 4;
 
-/// Bytes of the hash behind the others.
+/// Bytes of the hash after the others.
 const CHECK_BYTES: usize = 32;
 
-/// The blocks of rows that the next cut may lie in, each with what was known before it.
+/// The blocks of rows that may contain the next cut, each with the state before it.
 #[derive(Debug, Default)]
 pub struct ReadPositions(VecDeque<(ReadPosition, FinderState)>);
 
@@ -42,7 +43,7 @@ impl ReadPositions {
         self.0.push_back((position, cutter.stages()));
     }
 
-    /// The point at the last cut of `cutter`. `None` within the first rows, where nothing is saved.
+    /// The point at the last cut of `cutter`. `None` within the first rows, because a point saves nothing there.
     #[must_use]
     pub fn at_cut(&self, cutter: &RowCutter) -> Option<ResumePoint> {
         let state = cutter.cutter();
@@ -57,7 +58,7 @@ impl ReadPositions {
         })
     }
 
-    /// Forgets blocks all of whose rows were looked at for a cut.
+    /// Forgets blocks whose rows were all examined for a cut.
     pub fn forget_before(&mut self, rows_settled: u64) {
         while self.0.get(1).is_some_and(|(next, _)| next.rows <= rows_settled) {
             self.0.pop_front();
@@ -65,8 +66,8 @@ impl ReadPositions {
     }
 }
 
-/// What decides the cycles of an export and what they say, besides its bytes: layout, description, bounds, settings
-/// of the analysis and program. Stored cycles of a run are gone on with only where it is the same.
+/// Hash of everything besides the bytes that determines the cycles of an export and their results: layout, description,
+/// bounds, settings of the analysis, and program. A run with stored cycles continues only if it is the same.
 #[must_use]
 pub fn settings_hash(
     layout: &Layout,
@@ -96,11 +97,11 @@ pub(in crate::pipeline) async fn of_run(
     Ok(point)
 }
 
-/// Passes over what the stored cycles of `intake` were read from, up to its point. `Passed::Going`: a stop was
-/// asked for.
+/// Skips the part of the file that the stored cycles of `intake` were read from, up to its point. `Passed::Going` means
+/// that a stop was requested.
 ///
 /// # Errors
-/// A rejection of a file that cannot be read so far.
+/// A rejection of a file that is unreadable within this part.
 pub fn pass_to_point<R: std::io::Read>(
     export: &mut ExportReader<R>,
     intake: &AdmittedExport,
@@ -124,8 +125,8 @@ pub fn pass_to_point<R: std::io::Read>(
     Ok(passed)
 }
 
-/// A point as it is stored: version and state by postcard, in which numbers keep every bit, and a hash of both with
-/// the settings. `None` where it cannot be written down: then the export is read from its start.
+/// A point in its stored form: version and state by postcard, which keeps every bit of numbers, and a hash of both with
+/// the settings. `None` if it cannot be encoded: the export is then read from its start.
 #[must_use]
 pub fn encoded(point: &ResumePoint, settings: &ContentHash) -> Option<StoredPoint> {
     let mut state = postcard::to_stdvec(&(VERSION, point)).ok()?;
@@ -134,7 +135,7 @@ pub fn encoded(point: &ResumePoint, settings: &ContentHash) -> Option<StoredPoin
     Some(StoredPoint { cycles: point.cutter.cycles_cut, byte: point.position.byte, state })
 }
 
-/// The point that [`encoded`] made with these settings; `None` of anything else.
+/// The point that [`encoded`] made with these settings; `None` for anything else.
 #[must_use]
 pub fn decoded(state: &[u8], settings: &ContentHash) -> Option<ResumePoint> {
     let (written, found) = state.split_at_checked(state.len().checked_sub(CHECK_BYTES)?)?;

@@ -1,4 +1,4 @@
-//! Where reading goes on behind stored cycles.
+//! The point after stored cycles that reading continues from.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,20 +7,20 @@ use armwatch_method::segment::cycles::CutterState;
 use armwatch_method::segment::stages::FinderState;
 use armwatch_model::run::ContentHash;
 
-/// Where reading goes on.
+/// The point that reading continues from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ResumePoint {
-    /// Where the reader stood before a block of rows.
+    /// State of the reader before a block of rows.
     pub position: ReadPosition,
-    /// What the finder of stages knew there.
+    /// State of the stage finder there.
     pub stages: FinderState,
-    /// Where the cutter stood behind its last cut, in that block or at its start.
+    /// State of the cutter after its last cut, in that block or at its start.
     pub cutter: CutterState,
     /// Rows per second of the first rows, Hz.
     pub sample_rate: f64,
     /// Hash of the first rows.
     pub first_rows: ContentHash,
-    /// Header of the rows: if the file is cut and its rows go on without one, they are read by it. `None` if columns go by
-    /// number.
+    /// Header of the rows: if the file is cut and its rows continue without a header, they are read with this one.
+    /// `None` if columns are selected by number.
     pub header: Option<String>,
 }

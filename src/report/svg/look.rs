@@ -11,7 +11,7 @@ use crate::report::figure::{COLOURS, Key, Look, Mark, RAMP, TINTS};
 /// Height of a row of the legend, px.
 const LEGEND_ROW: f64 = 22.0;
 
-/// Colours for light pages, and those that a dark setting puts in their place. Paper is light.
+/// Colours for light pages, and their replacements in a dark setting. Print is light.
 pub(in crate::report) fn style() -> String {
     let mut light = String::from(
         ".plot { font: 14px system-ui, 'Segoe UI', 'DejaVu Sans', Helvetica, Arial, sans-serif }\n\
@@ -67,7 +67,7 @@ pub(super) fn legend(keys: &[Key], y: f64) -> (String, f64) {
     (drawn, if keys.is_empty() { 0.0 } else { LEGEND_ROW * (row + 1.0) })
 }
 
-/// What an entry of the legend looks like, 26 px wide, about the height 0.
+/// Symbol of an entry of the legend, 26 px wide, centred at the height 0.
 pub(in crate::report) fn swatch(look: Look) -> String {
     let mut drawn = String::new();
     match look {

@@ -1,4 +1,4 @@
-//! A panel: its axes, title and events, and what it draws.
+//! A panel: its axes, title, events and data.
 
 use std::fmt::Write;
 
@@ -17,12 +17,12 @@ const LEFT: f64 = 66.0;
 const MARGIN: f64 = 0.05;
 /// The same of a horizontal axis without bands.
 const X_MARGIN: f64 = 0.02;
-/// Room of a tick of the horizontal axis, px.
+/// Space for a tick of the horizontal axis, px.
 const X_TICK_ROOM: f64 = 62.0;
-/// Room of a tick of the vertical axis, px.
+/// Space for a tick of the vertical axis, px.
 const Y_TICK_ROOM: f64 = 42.0;
 
-/// Draws a panel at the place 0, 0.
+/// Draws a panel at the position 0, 0.
 pub(super) fn draw_panel(svg: &mut String, panel: &Panel, width: f64, height: f64) {
     let (left, right, above) = (LEFT, width - RIGHT, ABOVE);
     let below = above + height;
@@ -56,7 +56,7 @@ pub(super) fn draw_panel(svg: &mut String, panel: &Panel, width: f64, height: f6
     for area in &panel.areas {
         draw_area(svg, area, &x, &y);
     }
-    // axes are wide enough for all points: nothing needs to be cut off
+    // axes are wide enough for all points: no clipping is needed
     let axes = Axes { panel, y_label: &panel.y_label, y_axis: panel.y_axis, x, y };
     panel.series.iter().for_each(|series| draw_series(svg, series, &axes));
     for event in &panel.events {
@@ -80,7 +80,7 @@ pub(super) fn draw_panel(svg: &mut String, panel: &Panel, width: f64, height: f6
     draw_x_labels(svg, panel, &x, &ticks, bottom);
 }
 
-/// Whether a tick stands at a whole number; one of a whole number is written without decimals.
+/// Returns true if a tick is at a whole number, which is written without decimals.
 fn is_whole(tick: &Tick) -> bool {
     tick.value.fract() == 0.0 && !tick.label.contains('.')
 }
@@ -179,7 +179,7 @@ fn draw_axes(svg: &mut String, y_label: &str, x: &Scale, y: &Scale, x_ticks: &[T
     );
 }
 
-/// What stands below the lowest axis of a panel.
+/// Draws the labels below the lowest axis of a panel.
 fn draw_x_labels(svg: &mut String, panel: &Panel, x: &Scale, ticks: &[Tick], bottom: f64) {
     for tick in ticks {
         let _ = writeln!(

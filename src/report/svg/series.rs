@@ -7,10 +7,10 @@ use crate::report::figure::{Area, Mark, Panel, Series, XAxis, YAxis};
 use crate::report::scale::{Scale, moment};
 use armwatch_model::text::xml;
 
-/// Points that a reader can point at; a series with more has one word for all.
+/// Most points with individual tooltips; a series with more has one tooltip for all.
 const MAX_POINTED_AT: usize = 400;
 
-/// A pair of axes with what they say and where their values are.
+/// A pair of axes with their panel, label and scales.
 pub(super) struct Axes<'a> {
     pub(super) panel: &'a Panel,
     pub(super) y_label: &'a str,
@@ -24,7 +24,7 @@ pub(super) fn draw_area(svg: &mut String, area: &Area, x: &Scale, y: &Scale) {
     for stretch in area.points.split(|point| !is_whole(point)).filter(|stretch| !stretch.is_empty()) {
         let colour = area.colour % colours();
         if let [[at, low, high]] = stretch {
-            // the interval of a single point is a stroke
+            // the interval of a single point is a line
             let _ = writeln!(
                 svg,
                 "<path class=\"thin s{colour}\" d=\"M{0:.1} {1:.1}V{2:.1}\"/>",
@@ -70,7 +70,7 @@ pub(super) fn draw_series(svg: &mut String, series: &Series, axes: &Axes<'_>) {
     svg.push_str("</g>\n");
 }
 
-/// What a reader is told who points at a point.
+/// Tooltip of a point.
 fn pointed_at(series: &Series, axes: &Axes<'_>, [x, y]: [f64; 2]) -> String {
     let (panel, y_label) = (axes.panel, axes.y_label);
     let at = match panel.x_axis {
@@ -83,7 +83,7 @@ fn pointed_at(series: &Series, axes: &Axes<'_>, [x, y]: [f64; 2]) -> String {
     format!("{name}{at}\n{y_label}: {}", significant(y))
 }
 
-/// A number with four significant digits, or all before its point.
+/// A number with four significant digits, or with all digits before the decimal point.
 pub(super) fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
@@ -93,7 +93,7 @@ pub(super) fn significant(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// Draws a stretch of a series, whose places are finite.
+/// Draws a section of a series, whose positions are finite.
 pub(super) fn draw_marks(svg: &mut String, places: &[[f64; 2]], colour: usize, mark: Mark, radius: f64) {
     let colour = colour % colours();
     let class = match mark {
@@ -119,7 +119,7 @@ pub(super) fn draw_marks(svg: &mut String, places: &[[f64; 2]], colour: usize, m
     }
 }
 
-/// A path through places.
+/// A path through positions.
 pub(super) fn path(places: &[[f64; 2]]) -> String {
     let mut d = String::with_capacity(12 * places.len());
     for (i, [x, y]) in places.iter().enumerate() {
@@ -132,7 +132,7 @@ pub(super) fn is_finite(point: &[f64; 2]) -> bool {
     point.iter().all(|value| value.is_finite())
 }
 
-/// Whether a point has a place on axes of this kind.
+/// Returns true if a point has a position on axes of this kind.
 pub(super) fn is_shown(point: &[f64; 2], y_axis: YAxis) -> bool {
     is_finite(point) && (y_axis == YAxis::Linear || point[1] > 0.0)
 }

@@ -1,4 +1,4 @@
-//! Words in a picture: escaped, broken into lines, and squeezed where they are too long.
+//! Text in a picture: escaped, broken into lines, and compressed if it is too long.
 
 use std::fmt::Write;
 
@@ -9,7 +9,7 @@ pub(super) fn text(svg: &mut String, x: f64, y: f64, class: &str, words: &str) {
     let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", xml(words));
 }
 
-/// Words in lines that the picture has room for.
+/// Text broken into lines that fit the picture.
 pub(super) fn lines_of(words: &str) -> Vec<String> {
     let most = ((WIDTH - 32.0) / LETTER) as usize;
     let mut lines: Vec<String> = Vec::new();
@@ -25,7 +25,7 @@ pub(super) fn lines_of(words: &str) -> Vec<String> {
     lines
 }
 
-/// Makes a line of text that would leave the page as narrow as the page is; its letters are `size` times the usual.
+/// Compresses a line of text to the page width if it is wider; its letters are `size` times the usual.
 pub(super) fn squeezed(words: &str, size: f64) -> String {
     let room = WIDTH - 32.0;
     if LETTER * size * words.chars().count() as f64 <= room {

@@ -1,17 +1,17 @@
-//! What the writers of all languages share.
+//! Parts shared by the writers of all languages.
 
 use crate::robot_code::expression::{Expression, Function, Node};
 use crate::robot_code::listing::{CodeLine, LINE_WIDTH, Listing, listing, wrapped, wrapped_code};
 use crate::robot_code::torque::{Constant, TorquePrograms};
 use armwatch_model::text;
 
-/// How a language writes what differs between them.
+/// Syntax that differs between the languages.
 pub(super) struct Syntax {
     /// Name of a function.
     pub(super) function_name: fn(Function) -> &'static str,
     /// Before a line of comment.
     pub(super) comment: &'static str,
-    /// Behind it.
+    /// After it.
     pub(super) comment_end: &'static str,
     /// Between code and a comment on its line.
     pub(super) comment_gap: &'static str,
@@ -21,7 +21,7 @@ pub(super) struct Syntax {
     pub(super) constant: &'static str,
     /// Between the name of a constant and its value.
     pub(super) is: &'static str,
-    /// Behind a value.
+    /// After a value.
     pub(super) end: &'static str,
     /// Around a value of several lines.
     pub(super) parentheses: [&'static str; 2],
@@ -33,7 +33,7 @@ pub(super) struct Functions<'a> {
     pub(super) torque: Listing,
     /// Constants that are read.
     pub(super) constants: Vec<&'a Constant>,
-    /// Whether the torque reads the friction.
+    /// True if the torque reads the friction.
     pub(super) has_friction: bool,
 }
 
@@ -50,12 +50,12 @@ impl<'a> Functions<'a> {
         Self { friction, torque, constants, has_friction }
     }
 
-    /// Whether either calls a function.
+    /// Returns true if either calls a function.
     pub(super) fn calls(&self, function: Function) -> bool {
         [&self.friction, &self.torque].into_iter().any(|of| of.functions.contains(&function))
     }
 
-    /// Those of some definitions of functions that are called.
+    /// The definitions `of` functions that are called.
     pub(super) fn definitions<const N: usize>(&self, of: [(Function, &'static str); N]) -> String {
         of.into_iter().filter(|(function, _)| self.calls(*function)).map(|(_, text)| text).collect()
     }

@@ -1,4 +1,4 @@
-//! `[alerts]`: who is told of alarms, and how.
+//! `[alerts]`: receivers of alarms, and the delivery.
 
 pub(super) mod language;
 pub(super) mod settings;

@@ -15,22 +15,22 @@ use crate::toml::suggestion;
 use crate::toml::table::{Table, Value};
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// A day: who did not answer until the next shift of the same people has not seen it.
+/// A day: an alarm without an answer until the next shift of the same people was overlooked.
 const DEFAULT_REMIND_AFTER_H: f64 = 24.0;
 
-/// Three days: a receiver that fails on a Friday evening is mended on Monday.
+/// Three days: a receiver that fails on a Friday evening is repaired on Monday.
 const DEFAULT_GIVE_UP_AFTER_H: f64 = 72.0;
 
 const DEFAULT_RETRY_FIRST_S: f64 = 5.0;
 const DEFAULT_RETRY_MOST_S: f64 = 900.0;
 
-/// One every two minutes: more is not read, one by one.
+/// One every two minutes: more messages are not read individually.
 const DEFAULT_MOST_PER_H: u32 = 30;
 
 /// Bound on messages of an hour against a mistyped number.
 const LARGEST_MOST_PER_H: i64 = 100_000;
 
-/// Most routes; each has a task of its own.
+/// Most routes; each has a separate task.
 const MAX_ROUTES: usize = 64;
 
 /// Longest pause that makes sense: a year.
@@ -165,7 +165,7 @@ fn read_route(table: &Table<'_>, name: Option<String>) -> Option<Route> {
     })
 }
 
-/// A site that no robot stands at is a slip of the pen, and its route would be silent.
+/// Refuses a site without a robot: it is a typing error, and its route would never send.
 fn check_sites(table: &Table<'_>, sites: &[Site], routes: &[Route]) -> Option<()> {
     let named = |route: &Route| route.sites.clone().unwrap_or_default();
     let known = |name: &String| sites.iter().any(|site| site.name == *name);
@@ -196,7 +196,7 @@ fn one_of<T: Copy>(value: &Value<'_>, all: &[T], name: impl Fn(T) -> &'static st
     found
 }
 
-/// `language`; outer `None` where it is not given, inner after a problem.
+/// Reads `language`; outer `None` if it is not given, inner after a problem.
 fn read_language(table: &Table<'_>) -> Option<Option<Language>> {
     table.optional("language").map(|value| one_of(&value, &Language::ALL, |language| language.code()))
 }

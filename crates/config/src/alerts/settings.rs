@@ -1,4 +1,4 @@
-//! What the configuration says of the delivery of alarms, read and checked.
+//! Checked configuration of the delivery of alarms.
 
 use std::time::Duration;
 
@@ -10,25 +10,25 @@ use super::receivers::{LogSettings, ReceiverSettings};
 use crate::pattern;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Name of the route that stands where the configuration has none.
+/// Name of the route that is used if the configuration has none.
 pub const DEFAULT_ROUTE: &str = "log";
 
 /// Delivery of alarms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlertSettings {
-    /// Where which robots stand; the first whose pattern matches a robot is its own.
+    /// Sites of robots; the first whose pattern matches a robot applies.
     pub sites: Vec<Site>,
-    /// After this time without an answer an open alarm speaks again; `None`: never.
+    /// Time after which an open alarm without an answer is sent again; `None` for never.
     pub remind_after: Option<Duration>,
-    /// A delivery that has failed for so long is given up.
+    /// Time until a failing delivery ends.
     pub give_up_after: Duration,
     /// Shortest and longest pause before another attempt.
     pub retry: (Duration, Duration),
     /// Language of messages, unless a route has its own.
     pub language: Language,
-    /// Address that messages refer people to.
+    /// Address of the dashboard in messages.
     pub link: Option<String>,
-    /// To whom.
+    /// The routes.
     pub routes: Vec<Route>,
 }
 
@@ -50,10 +50,10 @@ pub struct Site {
     pub robots: Vec<String>,
 }
 
-/// Which alarms go to which receiver, and when.
+/// A rule that selects alarms, a receiver, and times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Route {
-    /// Its name, by which the database knows what it has had.
+    /// Its name, under which the database stores its deliveries.
     pub name: String,
     /// Least severity.
     pub severity: Severity,
@@ -61,24 +61,24 @@ pub struct Route {
     pub robots: Option<Vec<String>>,
     /// Kinds of anomalies; `None`: all.
     pub kinds: Option<Vec<AnomalyKind>>,
-    /// Names of sites; `None`: all, and robots of none.
+    /// Names of sites; `None` for all robots, including those without a site.
     pub sites: Option<Vec<String>>,
     /// Language of its messages; `None`: that of all routes.
     pub language: Option<Language>,
-    /// Time zone of the two below.
+    /// Time zone of `quiet` and `digest_at`.
     pub zone: TimeZone,
-    /// When what is not critical waits.
+    /// Hours during which messages that are not critical wait.
     pub quiet: Option<QuietHours>,
-    /// Time of day at which all of the last day goes out as one message; `None`: each at once.
+    /// Time of day for one message with all alarms of the last day; `None` to send each at once.
     pub digest_at: Option<Time>,
-    /// Most messages within an hour; the others wait and become one.
+    /// Most messages within an hour; the others wait and are combined.
     pub most_per_h: u32,
-    /// Where to.
+    /// The receiver.
     pub receiver: ReceiverSettings,
 }
 
 impl Route {
-    /// The route of a configuration without one: everything into the log.
+    /// The route of a configuration without one: the log receives everything.
     #[must_use]
     pub fn log() -> Self {
         Self {
@@ -108,11 +108,11 @@ impl Route {
     }
 }
 
-/// Hours of the day in which what is not critical waits.
+/// Hours of the day during which messages that are not critical wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QuietHours {
-    /// First moment.
+    /// Start.
     pub from: Time,
-    /// First moment after; on the next day if it is not later than `from`.
+    /// End; on the next day if it is not later than `from`.
     pub to: Time,
 }

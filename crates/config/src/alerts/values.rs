@@ -1,8 +1,8 @@
-//! Values that several tables of `[alerts]` have.
+//! Values shared by several tables of `[alerts]`.
 
 use crate::toml::table::Value;
 
-/// Outer `None` after a problem, inner where nothing was given.
+/// Outer `None` after a problem, inner if nothing was given.
 pub(super) fn given<T>(read: Option<Option<T>>) -> Option<Option<T>> {
     match read {
         Some(read) => read.map(Some),

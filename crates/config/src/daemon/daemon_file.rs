@@ -92,7 +92,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     })
 }
 
-/// The database, which must not be the address of a server of another kind: that would become the name of a file.
+/// The database, which must not be the address of another kind of server: that would become the name of a file.
 fn read_database<'d>(value: &Value<'d>) -> Option<&'d str> {
     let database = value.text()?;
     let Some(scheme) = foreign_scheme(Path::new(database)) else { return Some(database) };
@@ -100,7 +100,7 @@ fn read_database<'d>(value: &Value<'d>) -> Option<&'d str> {
     None
 }
 
-/// Lets the folder that uploads go to be watched too.
+/// Adds the folder of uploads to the watched ones.
 fn with_spool(mut watch: WatchSettings, serve: Option<&ServeSettings>) -> WatchSettings {
     if let Some(upload) = serve.and_then(|serve| serve.upload.as_ref())
         && !watch.folders.contains(&upload.spool)
@@ -195,7 +195,7 @@ fn read_file_name(value: &Value<'_>) -> Option<regex::Regex> {
     let pattern = match regex::Regex::new(value.text()?) {
         Ok(pattern) => pattern,
         Err(error) => {
-            // The last line says what is wrong; those before draw arrows under the pattern.
+            // The last line is the message; those before draw arrows under the pattern.
             let message = error.to_string();
             let reason =
                 message.lines().last().unwrap_or_default().trim().trim_start_matches("error: ").to_owned();
@@ -232,8 +232,8 @@ fn read_time_zone(value: &Value<'_>) -> Option<String> {
     Some(name.to_owned())
 }
 
-/// Files that the fleet refers to. Several entries may share one, which is then read once and
-/// whose problems are told once.
+/// Files that the fleet refers to. Several entries may share one, which is then read once and whose problems are
+/// reported once.
 struct References<'r> {
     folder: &'r Path,
     read_text: &'r ReadText<'r>,
@@ -280,8 +280,8 @@ fn refer<T>(
     read
 }
 
-/// The description of the robot called `robot` that the configuration at `path` names, whatever else stands there; that
-/// of an entry for all its files if there is one.
+/// The description of the robot called `robot` in the configuration at `path`, ignoring everything else in it;
+/// preferably that of an entry for all its files.
 ///
 /// # Errors
 ///
@@ -365,8 +365,8 @@ fn read_files(value: &Value<'_>) -> Option<FilePatterns> {
     patterns.into_iter().collect::<Option<_>>().map(FilePatterns)
 }
 
-/// One factor holds for the columns of all joints, and a factor from degrees would falsify the
-/// metres of a sliding joint without a sign.
+/// One factor applies to the columns of all joints, and a factor from degrees would silently falsify the metres of a
+/// prismatic joint.
 fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     let (robot, layout) = (&entry.description, &entry.layout);
     let slides = robot.joints.iter().any(|joint| joint.kind == JointKind::Prismatic);
@@ -384,8 +384,8 @@ fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     Some(())
 }
 
-/// A layout in amperes or percent needs gains of the description, and sensors behind the gears measure no motor's
-/// torque; better said now than of each export.
+/// A layout in amperes or percent needs gains in the description, and sensors after the gears do not measure the
+/// motors' torque; reporting that now is better than for each export.
 fn check_fit(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     let of_motors = entry.layout.motor_side.torque || entry.layout.torque_quantity != TorqueQuantity::Torque;
     if entry.description.torque_sensors == TorqueSensors::Link && of_motors {
@@ -418,8 +418,8 @@ fn read_exception<'d>(value: &Value<'d>, earlier: &[&'d str]) -> Option<&'d str>
     Some(robots)
 }
 
-/// A pattern, which must leave no robot with two arms to choose from. One that is narrower than a
-/// later one is the normal way to make an exception.
+/// A pattern, which must not give any robot two arms. A pattern that is narrower than a later one is the normal way to
+/// make an exception.
 fn read_pattern<'d>(value: &Value<'d>, earlier: &mut Vec<&'d str>) -> Option<&'d str> {
     let robots = value.text()?;
     let conflict = earlier.iter().find_map(|known| {
@@ -532,7 +532,7 @@ fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
     })
 }
 
-/// The fractions from which a quantity is a warning and critical.
+/// The fractions that make a quantity a warning and critical.
 fn read_levels(table: &Table<'_>, stem: &str, default: (f64, f64)) -> Option<(f64, f64)> {
     let fraction = Limits::above(0.0, 10.0, "");
     let warning = table.number_or(&format!("{stem}_warning_fraction"), &fraction, default.0);

@@ -1,9 +1,9 @@
-//! File names with something like a date in them that no pattern reads.
+//! File names that contain something like a date and match no pattern.
 
 /// Digits in a row that may be a mistyped date.
 const DIGITS_OF_A_DATE: usize = 7;
 
-/// Numbers of two digits, one behind the other, that are a date with a time: 26_01_05_08_47.
+/// Least count of consecutive two-digit numbers that form a date with a time: 26_01_05_08_47.
 const PARTS_OF_A_MOMENT: usize = 5;
 
 const MONTHS: [&str; 12] =
@@ -22,7 +22,7 @@ pub(super) fn has_date_like(stem: &str) -> bool {
         })
 }
 
-/// Numbers of a name, each with the text behind it.
+/// Numbers of a name, each with the text after it.
 fn numbers(stem: &str) -> Vec<(&str, &str)> {
     let mut found = Vec::new();
     let mut rest = stem;
@@ -37,7 +37,7 @@ fn numbers(stem: &str) -> Vec<(&str, &str)> {
     found
 }
 
-/// Year, month and day in some order, parted by the same character.
+/// Year, month and day in some order, separated by the same character.
 fn is_date(three: &[(&str, &str)]) -> bool {
     let [(a, first), (b, second), (c, _)] = three else { return false };
     let is_part =
@@ -50,7 +50,7 @@ fn is_year(digits: &str) -> bool {
     digits.len() == 4 && digits.parse::<u16>().is_ok_and(|year| (1970..2200).contains(&year))
 }
 
-/// Longest row of numbers of two digits that single characters part.
+/// Longest sequence of two-digit numbers that single characters separate.
 fn longest_of_pairs(numbers: &[(&str, &str)]) -> usize {
     let (mut longest, mut row) = (0, 0);
     for (digits, behind) in numbers {

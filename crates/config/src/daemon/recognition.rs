@@ -1,4 +1,4 @@
-//! What a file name says: which robot, and when its recording started.
+//! Information in a file name: robot, and start of the recording.
 
 use jiff::Timestamp;
 use jiff::tz::{AmbiguousOffset, TimeZone};
@@ -11,28 +11,28 @@ use armwatch_model::robot::name::composed;
 /// Pattern of the native file names, `{robot}_{YYYYMMDD}_{HHMM}_...`.
 pub(crate) const DEFAULT_FILE_NAME: &str = r"^(?<robot>.+?)_(?<date>\d{8})_(?<time>\d{4}(?:\d{2})?)(?:_.*)?$";
 
-/// Robot of exports whose name says none. No robot may have this name.
+/// Robot of exports whose name gives none. No robot may have this name.
 pub const UNKNOWN_ROBOT: &str = "unknown";
 
-/// Name that [`DEFAULT_FILE_NAME`] reads, shown to those whose files are not recognised.
+/// Name that [`DEFAULT_FILE_NAME`] matches, shown in messages about unrecognised files.
 const EXAMPLE: &str = "R00_20260105_0847_Col23_20s_cycle5.csv.gz";
 
-/// Endings of exports; they say nothing of robot or time.
+/// Endings of exports; they contain no robot or time.
 const ENDINGS: [&str; 6] = [".gz", ".zst", ".csv", ".parquet", ".mcap", ".dat"];
 
-/// What a file name says.
+/// Information in a file name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecognisedName {
     /// Name of the robot.
     pub robot: String,
-    /// Start of the recording, if the name says it; midnight where it says the date only.
+    /// Start of the recording, if the name gives it; midnight if it gives only the date.
     pub started_at: Option<Timestamp>,
-    /// Whether it is one moment: with a time of day, and not in the hour that comes twice when clocks are set back.
-    /// Two recordings of a robot do not have the same one.
+    /// True if the start is unambiguous: with a time of day, and not in the hour that occurs twice when clocks are set
+    /// back. Two recordings of a robot never have the same one.
     pub is_definite: bool,
 }
 
-/// Why a file name says nothing.
+/// Why a file name is not recognised.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RecogniseError {
     /// The pattern does not match, or the robot in it is empty.
@@ -43,7 +43,7 @@ pub enum RecogniseError {
         /// The pattern.
         pattern: String,
     },
-    /// The robot has the name that exports of no robot have.
+    /// The robot has the reserved name for exports of no robot.
     #[error(
         "the name {file_name} says the robot '{UNKNOWN_ROBOT}', which stands for exports of no known robot"
     )]
@@ -51,16 +51,16 @@ pub enum RecogniseError {
         /// The name without its folder.
         file_name: String,
     },
-    /// Date and time are no date and time.
+    /// Date and time are invalid.
     #[error("the name {file_name} says '{text}' where {wanted} should be: {reason}")]
     NoDate {
         /// The name without its folder.
         file_name: String,
-        /// What the groups `date` and `time` hold.
+        /// Text of the groups `date` and `time`.
         text: String,
-        /// What they should hold.
+        /// Valid form.
         wanted: String,
-        /// What is wrong with it.
+        /// The fault.
         reason: String,
     },
     /// The time zone is not in this machine's database.
@@ -69,13 +69,14 @@ pub enum RecogniseError {
 }
 
 impl Recognition {
-    /// The time zone of clocks that say none; `None` if this machine does not know it.
+    /// The time zone of clocks without an offset; `None` if this machine does not know it.
     #[must_use]
     pub fn zone(&self) -> Option<jiff::tz::TimeZone> {
         time_zone(&self.time_zone)
     }
 
-    /// Whether the pattern matches the file name; [`Recognition::recognise`] may make a robot of one that it does not.
+    /// Returns true if the pattern matches the file name; [`Recognition::recognise`] may use an unmatched name as that
+    /// of a robot.
     #[must_use]
     pub fn fits(&self, file_name: &str) -> bool {
         forms(&composed(file_name)).into_iter().any(|form| self.file_name.is_match(form))
@@ -84,12 +85,12 @@ impl Recognition {
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
     /// The pattern is tried on the name without the endings `.csv`, `.parquet`, `.mcap`, `.gz` and `.zst`, then without
-    /// `.gz` and `.zst` alone, then on the whole name, so that neither the pattern nor compression must care. Names are composed (NFC). A name
-    /// that does not match and has nothing like a date in it is the robot's name as a whole.
+    /// `.gz` and `.zst` alone, then on the whole name, so that the pattern works without endings. Names are composed
+    /// (NFC). A name that does not match and contains nothing like a date is the robot's name as a whole.
     ///
     /// # Errors
     ///
-    /// When the pattern does not match, date and time in the name cannot be, or the robot is called [`UNKNOWN_ROBOT`].
+    /// If the pattern does not match, date and time in the name are invalid, or the robot is called [`UNKNOWN_ROBOT`].
     pub fn recognise(&self, file_name: &str) -> Result<RecognisedName, RecogniseError> {
         let recognised = self.recognise_any(file_name)?;
         if recognised.robot == UNKNOWN_ROBOT {
@@ -129,17 +130,17 @@ impl Recognition {
     }
 }
 
-/// The IANA time zone `name`. UTC is known on every machine, the others where its database is.
+/// The IANA time zone `name`. UTC is known on every machine, the others if its database is installed.
 pub(crate) fn time_zone(name: &str) -> Option<TimeZone> {
     if name == "UTC" { Some(TimeZone::UTC) } else { TimeZone::get(name).ok() }
 }
 
-/// The name as the pattern is tried on it: without endings, without those of packed files, and whole.
+/// The forms of the name for the pattern: without endings, without those of compressed files, and whole.
 fn forms(file_name: &str) -> [&str; 3] {
     [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name]
 }
 
-/// The robot in a name without date and time. A possible date that the pattern does not read must not become part of a
+/// The robot in a name without date and time. A possible date that the pattern does not match must not become part of a
 /// robot's name.
 fn plain_robot(stem: &str) -> Option<&str> {
     let named = stem.chars().any(char::is_alphanumeric) && !stem.starts_with(['_', '.']);
@@ -162,9 +163,9 @@ fn strip<'n>(name: &'n str, endings: &[&str]) -> &'n str {
     shorter.map_or(name, |stem| strip(stem, endings))
 }
 
-/// Date and time of a clock on a wall in `zone`, and whether that is one moment: with a time of day that does not come
-/// twice. Where clocks are set back, the earlier of the two moments is taken; where they are set forward, the hour
-/// that does not exist continues the old one, as a controller's clock does.
+/// Date and time of a local clock in `zone`, and true if that is unambiguous: with a time of day that does not occur
+/// twice. If clocks are set back, the earlier of the two times is used; if they are set forward, the missing hour
+/// continues the old one, as a controller's clock does.
 fn timestamp(
     formats: &DateFormats,
     date: &str,

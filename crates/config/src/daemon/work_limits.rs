@@ -1,36 +1,36 @@
-//! `[limits]`, and where exports go once they are stored.
+//! `[limits]`, and the folder of stored exports.
 
 use std::path::{Path, PathBuf};
 
 use crate::settings::WorkLimits;
 use crate::toml::table::{Table, Value};
 
-/// Most exports of either size at once: each takes the memory of about three cycles, and two analyses at a
-/// time are all that two cores do.
+/// Most exports of either size at once: each takes the memory of about three cycles, and two cores run at most two
+/// analyses at a time.
 const MOST_BACKLOG_FILES: i64 = 64;
 
 /// Largest bound on bytes, 1 PiB, against a mistyped number.
 const MOST_BYTES: i64 = 1 << 50;
 
-/// Fewest rows that a cycle may be bounded to: some seconds at a usual rate.
+/// Smallest limit on the rows of a cycle: some seconds at a usual rate.
 const FEWEST_ROWS: i64 = 1000;
 
-/// Most rows of a cycle that may be allowed: of six axes they take 2 GB.
+/// Largest limit on the rows of a cycle: for six axes they take 2 GB.
 const MOST_ROWS: i64 = 10_000_000;
 
 /// Least memory of cycles: that of one of some seconds.
 const LEAST_CYCLES_BYTES: i64 = 1_000_000;
 
-/// Most rows of open cycles together, under the earlier name of the bound: of six axes they take 200 GB.
+/// Most rows of open cycles together, under the earlier name of the bound: for six axes they take 200 GB.
 const MOST_OPEN_ROWS: i64 = 1_000_000_000;
 
-/// Bytes of memory that a row of six axes takes, for a bound that is given in rows.
+/// Bytes of memory per row of six axes, for a bound that is given in rows.
 const ROW_BYTES: i64 = 200;
 
 impl Default for WorkLimits {
     /// Two of either size; large from 64 MiB, some twenty minutes at 250 Hz; 64 GiB, which is three times a
-    /// ten-hour recording of a nine-axis arm at 1 kHz; a million rows, an hour at 250 Hz, which take 200 MB; half of the
-    /// gigabyte that the shipped unit may take.
+    /// ten-hour recording of a nine-axis arm at 1 kHz; a million rows, an hour at 250 Hz, which take 200 MB; half of
+    /// the gigabyte that the shipped unit may take.
     fn default() -> Self {
         Self {
             backlog_files: 2,
@@ -73,7 +73,7 @@ pub(crate) fn read_work_limits(table: &Table<'_>) -> Option<WorkLimits> {
     })
 }
 
-/// The archive, which must not be watched: what is moved there would be found again.
+/// The archive, which must not be watched: moved exports would be found again.
 pub(crate) fn archive_of(value: &Value<'_>, folders: &[PathBuf]) -> Option<PathBuf> {
     let archive = PathBuf::from(value.text()?);
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());

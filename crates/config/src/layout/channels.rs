@@ -1,4 +1,4 @@
-//! How the columns of an export become channels in SI: the layout, and what it needs of the robot.
+//! The layout: converts the columns of an export to channels in SI, with the values that this needs from the robot.
 
 use std::sync::Arc;
 
@@ -16,11 +16,11 @@ use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 use armwatch_model::run::channel_delays::ChannelDelays;
 use armwatch_model::run::slower::SlowerChannels;
 
-/// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's `savetxt`,
-/// MATLAB's `-ascii` and `printf`.
+/// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's
+/// `savetxt`, MATLAB's `-ascii` and `printf`.
 pub const BLANKS: u8 = b' ';
 
-/// How an export's columns become channels in SI.
+/// A layout, which converts an export's columns to channels in SI.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// Name, such as `native`.
@@ -29,35 +29,35 @@ pub struct Layout {
     pub delimiter: u8,
     /// Encoding, decimal mark and lines around the header.
     pub text: TextFormat,
-    /// Which rows may be passed over.
+    /// Rows that may be skipped.
     pub rows: RowRule,
-    /// Which files are parts of one recording, where exports come in several.
+    /// The files that are parts of one recording, if exports consist of several.
     pub parts: Option<PartRule>,
-    /// Whether the first line names the columns; without names, columns go by number from 1.
+    /// True if the first line names the columns; without names, columns are selected by number from 1.
     pub header: bool,
-    /// Where time comes from.
+    /// Source of time.
     pub time: TimeSource,
-    /// Column whose first row says when the recording started; `None`: the file's name or time does.
+    /// Column whose first row gives the start of the recording; `None` if the file's name or time gives it.
     pub start: Option<StartSource>,
-    /// Columns of joint positions; [`JointColumns::NotRecorded`] of logs of currents and temperatures.
+    /// Columns of joint positions; [`JointColumns::NotRecorded`] for logs of currents and temperatures.
     pub position: Channel,
-    /// Columns of joint velocities, where recorded.
+    /// Columns of joint velocities, if recorded.
     pub velocity: Option<Channel>,
-    /// Columns of joint torques, or of what they follow from.
+    /// Columns of joint torques, or of the quantities that give them.
     pub torque: Channel,
     /// Joints whose torque is not recorded. The list of [`Layout::torque`] has placeholders for them.
     pub without_torque: Vec<JointIndex>,
     /// Channels that may have rows without a value.
     pub slower: SlowerChannels,
-    /// What the torque columns hold.
+    /// Quantity in the torque columns.
     pub torque_quantity: TorqueQuantity,
     /// Columns of the motors' temperatures; used if the export has them.
     pub motor_temperature: Option<MotorTemperature>,
-    /// Column of the hall's temperature; used if the export has it.
+    /// Column of the ambient temperature; used if the export has it.
     pub ambient_temperature: Option<AmbientTemperature>,
-    /// Where the stages come from.
+    /// Source of the stages.
     pub stage: StageSource,
-    /// Which channels are recorded on the motor's side of the transmission.
+    /// The channels that are recorded on the motor's side of the transmission.
     pub motor_side: MotorSide,
     /// Column of the cycle counter; used if the export has it.
     pub cycle: Option<Column>,
@@ -67,41 +67,41 @@ pub struct Layout {
     pub friction_level: Option<Column>,
 }
 
-/// Where the start of a recording stands in its rows.
+/// Source of a recording's start in its rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartSource {
     /// The column; it may be that of time too.
     pub column: Column,
-    /// How its cells say it.
+    /// Form of its cells.
     pub form: StartForm,
 }
 
-/// How a cell says a moment.
+/// Form of a time in a cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StartForm {
-    /// As ISO 8601, or day first with points.
+    /// ISO 8601, or day first with points.
     Timestamp,
-    /// In a form of `strptime`.
+    /// A form of `strptime`.
     Format(MomentFormat),
-    /// As a number since 1970; factor to s.
+    /// A number since 1970; factor to s.
     Since1970(f64),
 }
 
-/// Which rows of an export may be passed over.
+/// Rows of an export that may be skipped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RowRule {
     /// Most rows that have a wrong number of fields, or a cell that is empty or not understood.
     pub skip_bad: u64,
 }
 
-/// Where the time of a row comes from.
+/// Source of a row's time.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TimeSource {
     /// A column.
     Column(ScaledColumn),
-    /// A column that begins again with each of several recordings in one export.
+    /// A column that restarts with each of several recordings in one export.
     Restarting(ScaledColumn),
-    /// A column that begins anew.
+    /// A column that restarts after its largest value.
     Counter {
         /// The column.
         column: ScaledColumn,
@@ -112,14 +112,14 @@ pub enum TimeSource {
     Text {
         /// The column.
         column: Column,
-        /// How its cells give the time.
+        /// Form of the time in its cells.
         form: TextTime,
     },
     /// The number of the row and this sample rate, Hz.
     SampleRate(f64),
 }
 
-/// How a cell of text gives the time of its row.
+/// Form of a row's time in a text cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum TextTime {
     /// ISO 8601, with or without zone, or day first with points.
@@ -131,7 +131,8 @@ pub enum TextTime {
 }
 
 impl TextTime {
-    /// Seconds after which a time of day starts again, if all cells have this form; `None` for forms that count on. A timestamp without a date is a time of day.
+    /// Seconds after which a time of day restarts, if all cells have this form; `None` for forms without restart. A
+    /// timestamp without a date is a time of day.
     #[must_use]
     pub fn period_s(&self) -> Option<f64> {
         match self {
@@ -143,7 +144,7 @@ impl TextTime {
 }
 
 impl TimeSource {
-    /// The column, where there is one.
+    /// The column, if there is one.
     #[must_use]
     pub fn column(&self) -> Option<&Column> {
         match self {
@@ -155,7 +156,7 @@ impl TimeSource {
         }
     }
 
-    /// Factor from the column's unit to s; 1 where there is none.
+    /// Factor from the column's unit to s; 1 if there is none.
     #[must_use]
     pub fn to_si(&self) -> f64 {
         match self {
@@ -165,35 +166,35 @@ impl TimeSource {
     }
 }
 
-/// Channels that are recorded at the motors, before gears and couplings.
+/// Channels that are recorded at the motors, on the motor side of gears and couplings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MotorSide {
     /// Positions and velocities.
     pub position: bool,
-    /// Torques, or the currents or fractions that stand for them.
+    /// Torques, or the currents or fractions that give them.
     pub torque: bool,
 }
 
-/// One column a joint, with unit and sign.
+/// One column per joint, with unit and sign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// The columns.
     pub columns: JointColumns,
-    /// Factor from the columns' unit to SI: rad (m), rad/s (m/s); of a torque column to Nm (N), A, or
-    /// the fraction of rated.
+    /// Factor from the columns' unit to SI: rad (m), rad/s (m/s); for a torque column to Nm (N), A, or the fraction of
+    /// the rated torque.
     pub to_si: f64,
-    /// Whether the recording counts as the description does.
+    /// Signs of the recording relative to the description.
     pub sign: JointSigns,
-    /// How much later than the positions of its row a value was true, s.
+    /// Delay of a value behind the positions of its row, s.
     pub delay: JointDelays,
 }
 
-/// +1 where a column counts as the description does, -1 where it counts against it.
+/// +1 if a column has the sign of the description, -1 if it has the opposite one.
 #[derive(Debug, Clone, PartialEq)]
 pub enum JointSigns {
     /// One for all joints.
     All(f64),
-    /// One a joint.
+    /// One per joint.
     Each(Vec<f64>),
 }
 
@@ -212,7 +213,7 @@ impl JointSigns {
 pub enum JointDelays {
     /// One for all joints.
     All(f64),
-    /// One a joint.
+    /// One per joint.
     Each(Vec<f64>),
 }
 
@@ -223,7 +224,7 @@ impl Default for JointDelays {
 }
 
 impl JointDelays {
-    /// Of `n` joints.
+    /// The delays of `n` joints.
     fn of_joints(&self, n: usize) -> Vec<f64> {
         match self {
             Self::All(delay) => vec![*delay; n],
@@ -232,8 +233,8 @@ impl JointDelays {
     }
 }
 
-/// What the torque columns hold. Each becomes a torque on the side on which it was recorded
-/// ([`MotorSide::torque`]); the transmission then leads from motors to joints.
+/// Quantity in the torque columns. Each is converted to a torque on the recorded side ([`MotorSide::torque`]); the
+/// transmission then converts from motors to joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TorqueQuantity {
     /// Torque, Nm (N).
@@ -247,33 +248,33 @@ pub enum TorqueQuantity {
     FractionOfRated,
 }
 
-/// Factors from the columns of each joint to SI `[n]`, signs and drives included: rad (m), rad/s
-/// (m/s), Nm (N), each on the side on which it was recorded.
+/// Factors from the columns of each joint to SI `[n]`, including signs and drives: rad (m), rad/s (m/s), Nm (N), each
+/// on the recorded side.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointFactors {
-    /// Of positions.
+    /// Factors of positions.
     pub position: Vec<f64>,
-    /// Of velocities; 1 where none are recorded.
+    /// Factors of velocities; 1 if none are recorded.
     pub velocity: Vec<f64>,
-    /// Of torques.
+    /// Factors of torques.
     pub torque: Vec<f64>,
 }
 
-/// Why a layout does not go with a robot.
+/// Why a layout does not fit a robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Misfit {
-    /// What does not fit, the joints named.
+    /// The problem, with the affected joints.
     pub problem: String,
-    /// What to do about it.
+    /// The remedy.
     pub remedy: String,
 }
 
 impl Layout {
-    /// The factors with which exports of `robot` are read.
+    /// The factors for reading exports of `robot`.
     ///
     /// # Errors
-    /// [`Misfit`] where a list of the layout is not one entry a joint, or the description lacks what
-    /// turns current or percent into torque.
+    /// [`Misfit`] if a list of the layout has another length than the joints, or the description lacks a value that
+    /// converts current or percent to torque.
     pub fn factors(&self, robot: &Robot) -> Result<JointFactors, Misfit> {
         let n = robot.joint_count();
         self.check_lists(robot)?;
@@ -300,7 +301,7 @@ impl Layout {
         self.torque.columns.of_joint(joint.number()).filter(|_| is_recorded)
     }
 
-    /// The robot with the joints marked whose torque this layout does not have.
+    /// The robot, with a mark on the joints whose torque is missing in this layout.
     #[must_use]
     pub fn described(&self, robot: Arc<Robot>) -> Arc<Robot> {
         if self.without_torque.is_empty() {
@@ -313,8 +314,8 @@ impl Layout {
         Arc::new(marked)
     }
 
-    /// Key and value of the description that each joint's torque column is multiplied with, `[n]`; `None`
-    /// for layouts in Nm, and where the description lacks one.
+    /// Key and value of the description that multiplies each joint's torque column, `[n]`; `None` for layouts in Nm,
+    /// and if the description lacks one.
     #[must_use]
     pub fn drive_values(&self, robot: &Robot) -> Option<Vec<(&'static str, f64)>> {
         let of_joint = self.drive()?;
@@ -325,7 +326,7 @@ impl Layout {
         robot.joints.iter().map(pair).collect()
     }
 
-    /// How late torques and velocities of `robot` are recorded.
+    /// Delays of recorded torques and velocities of `robot`.
     #[must_use]
     pub fn delays(&self, robot: &Robot) -> ChannelDelays {
         let n = robot.joint_count();
@@ -391,7 +392,7 @@ impl Layout {
         Err(Misfit { problem, remedy: remedy.into() })
     }
 
-    /// What the torque columns are multiplied with: the key and the value of a joint.
+    /// Key and value that multiply a joint's torque column.
     fn drive(&self) -> Option<OfDrive> {
         match (self.torque_quantity, self.motor_side.torque) {
             (TorqueQuantity::Torque, _) => None,
@@ -447,7 +448,7 @@ impl Layout {
     }
 }
 
-/// Key and value of what a joint's torque column is multiplied with.
+/// Key and value that multiply a joint's torque column.
 type OfDrive = fn(&Joint) -> (&'static str, Option<f64>);
 
 #[cfg(test)]
@@ -468,7 +469,7 @@ mod tests {
         parse_layout("layout.toml", &text).expect("no problems")
     }
 
-    /// A product of three factors against another order of them.
+    /// A product of three factors compared with another order of them.
     fn close(a: f64, b: f64) -> bool {
         (a - b).abs() <= 4.0 * f64::EPSILON * b.abs()
     }

@@ -7,7 +7,7 @@ use std::fmt;
 pub enum Column {
     /// By its name in the header; without a header, the name is its number.
     Name(String),
-    /// By its number, from 1, whatever the header says.
+    /// By its number, from 1, regardless of the header.
     Number(usize),
 }
 
@@ -29,20 +29,19 @@ pub struct ScaledColumn {
     pub to_si: f64,
 }
 
-/// Where the columns of a channel stand.
+/// The columns of a channel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JointColumns {
-    /// By a name in which `{joint}` stands for the joint's number from 1, `{joint+6}` for that number
-    /// plus 6.
+    /// By a name with a placeholder: `{joint}` is the joint's number from 1, `{joint+6}` that number plus 6.
     Pattern(String),
-    /// One by one, from the base outwards.
+    /// Individually, from the base outwards.
     Each(Vec<Column>),
     /// The export has none.
     NotRecorded,
 }
 
 impl JointColumns {
-    /// The column of the joint that people call `number`, from 1; `None` beyond the end of a list.
+    /// The column of the joint with the number `number`, from 1; `None` beyond the end of a list.
     #[must_use]
     pub fn of_joint(&self, number: usize) -> Option<Column> {
         match self {
@@ -53,8 +52,7 @@ impl JointColumns {
     }
 }
 
-/// A name with its place for the joint's number filled: `{joint}` is the number, `{joint+6}` that
-/// number plus 6.
+/// A name with the joint's number inserted: `{joint}` is the number, `{joint+6}` that number plus 6.
 fn expanded(pattern: &str, joint: usize) -> String {
     if let Some((before, rest)) = pattern.split_once("{joint+")
         && let Some((added, after)) = rest.split_once('}')

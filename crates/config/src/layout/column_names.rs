@@ -1,10 +1,10 @@
-//! Reads the names of columns, each of which may serve once, and their units.
+//! Reads the names of columns, which must be unique, and their units.
 
 use super::column::{Column, JointColumns};
 use crate::toml::table::{Table, Value};
 use armwatch_model::robot::name::composed;
 
-/// A unit as files name it and its factor to SI.
+/// A unit in the notation of files and its factor to SI.
 pub(crate) type NamedUnit = (&'static str, f64);
 
 /// The name of a factor in a list of units.
@@ -13,8 +13,8 @@ pub(crate) fn named_unit(units: &[NamedUnit], to_si: f64) -> Option<&'static str
     units.iter().find(|(_, factor)| *factor == to_si).map(|(name, _)| *name)
 }
 
-/// Columns given so far, so that none is read twice; a name with a place for the joint's number stands
-/// as it is given.
+/// Columns given so far, so that none is read twice; a name with a placeholder for the joint's number is stored
+/// unchanged.
 #[derive(Default)]
 pub(crate) struct ColumnNames(pub(crate) Vec<Column>);
 
@@ -34,7 +34,7 @@ impl ColumnNames {
         self.add(value, column)
     }
 
-    /// The columns of all joints: one name with a place for the joint's number, or one by one.
+    /// The columns of all joints: one name with a placeholder for the joint's number, or individually.
     pub(crate) fn take_joints(&mut self, table: &Table<'_>) -> Option<JointColumns> {
         let (which, value) = table.one_of(&["column", "columns"])?;
         match which {
@@ -78,13 +78,13 @@ pub(crate) fn read_unit(value: &Value<'_>, units: &[NamedUnit]) -> Option<f64> {
     factor
 }
 
-/// Stands for the joint's number, from 1, in the name of a column.
+/// Placeholder of the joint's number, from 1, in the name of a column.
 pub(crate) const JOINT: &str = "{joint}";
 
 /// Largest number of a column: no export of a robot arm is wider.
 const MAX_COLUMN: i64 = 10_000;
 
-/// How often a name holds a place for the joint's number, as it is or with something added to it.
+/// Number of placeholders for the joint's number in a name, with or without an added number.
 fn joint_places(name: &str) -> usize {
     let with_sum = |rest: &str| {
         let (digits, _) = rest.split_once('}').unwrap_or(("", ""));

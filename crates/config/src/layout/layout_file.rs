@@ -26,30 +26,30 @@ const VELOCITY: &[NamedUnit] =
 const TORQUE: &[NamedUnit] =
     &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
 
-/// Delays of a channel: of a drive's filter or a slow bus, either way.
+/// Largest delay of a channel, caused by a drive's filter or a slow bus, in either direction.
 const DELAY: Limits = Limits::within(0.5, "s");
 
 /// Separators between columns that cannot be part of a number.
 const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
 
-/// Most bad rows that a layout lets be passed over; an export with more is broken, or its layout is another.
+/// Most bad rows that a layout may skip; an export with more is broken, or has another layout.
 const MAX_BAD_ROWS: i64 = 100_000;
 
-/// Units of a layout's columns, by the names that its file gives them.
+/// Units of a layout's columns, by their names in its file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LayoutUnits {
-    /// Of the time column; `None` where rows are counted.
+    /// Unit of the time column; `None` if rows are counted.
     pub time: Option<&'static str>,
-    /// Of positions.
+    /// Unit of positions.
     pub position: &'static str,
-    /// Of velocities.
+    /// Unit of velocities.
     pub velocity: Option<&'static str>,
-    /// Of torques.
+    /// Unit of torques.
     pub torque: &'static str,
 }
 
-/// The units in which `layout` reads its columns. A sliding joint's are named like a turning one's where
-/// both are SI.
+/// The units of the columns that `layout` reads. A prismatic joint's units have the names of a revolute one's if both
+/// are SI.
 #[must_use]
 pub fn layout_units(layout: &Layout) -> LayoutUnits {
     let torque: &[NamedUnit] = match layout.torque_quantity {
@@ -69,7 +69,7 @@ fn unit_name(units: &[NamedUnit], to_si: f64) -> &'static str {
     named_unit(units, to_si).unwrap_or("its own unit")
 }
 
-/// Reads a layout from `text`; `file_name` only says where problems are.
+/// Reads a layout from `text`; `file_name` is only used in problems.
 ///
 /// # Errors
 ///
@@ -82,7 +82,7 @@ pub fn parse_layout(file_name: &str, text: &str) -> Result<Layout, ConfigErrors>
 ///
 /// # Errors
 ///
-/// Every problem of the layout at once, or that the file cannot be read.
+/// Every problem of the layout at once, or a failed read.
 pub fn read_layout(path: &Path) -> Result<Layout, ConfigErrors> {
     parse_layout(&path.display().to_string(), &files::read_text(path)?)
 }
@@ -125,7 +125,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         without_torque = read_without_torque(&t)?;
         let mut torque = read_late_channel(&t, TORQUE, &mut names)?;
         if let JointColumns::Each(columns) = &mut torque.columns {
-            // the list names the others; this column is never looked for
+            // the list names the others; this column is never searched
             without_torque
                 .iter()
                 .for_each(|joint| columns.insert(joint.index().min(columns.len()), Column::Number(0)));
@@ -202,13 +202,13 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     })
 }
 
-/// Which rows may be passed over.
+/// Reads which rows may be skipped.
 fn read_rows(table: &Table<'_>) -> Option<RowRule> {
     let skip_bad = table.optional("skip_bad").map_or(Some(0), |value| value.integer(0..=MAX_BAD_ROWS))?;
     Some(RowRule { skip_bad: u64::try_from(skip_bad).ok()? })
 }
 
-/// Whether a channel is recorded on the motor's side.
+/// Returns true if a channel is recorded on the motor's side.
 fn read_side(table: &Table<'_>) -> Option<bool> {
     let Some(value) = table.optional("side") else { return Some(false) };
     match value.text()? {
@@ -223,7 +223,7 @@ fn read_side(table: &Table<'_>) -> Option<bool> {
 
 fn read_delimiter(root: &Table<'_>) -> Option<u8> {
     let value = root.required("delimiter")?;
-    // Not `text()`: a tab is a delimiter, and looks empty.
+    // Not `text()`: a tab is a delimiter, but counts as empty.
     match value.any_text()? {
         text if DELIMITERS.contains(&text) => text.bytes().next(),
         "blank" => Some(BLANKS),
@@ -252,7 +252,7 @@ fn read_late_channel(table: &Table<'_>, units: &[NamedUnit], names: &mut ColumnN
     Some(Channel { delay: delay?, ..channel })
 }
 
-/// Whether a channel may have rows without a value, and which value they get.
+/// Reads if a channel may have rows without a value, and which value they get.
 fn read_slower(table: &Table<'_>) -> Option<Option<Slower>> {
     let Some(value) = table.optional("slower") else { return Some(None) };
     match value.text()? {
@@ -291,7 +291,7 @@ fn read_without_torque(table: &Table<'_>) -> Option<Vec<JointIndex>> {
     Some(joints)
 }
 
-/// What the unit of a torque column says it holds; a wrong unit is refused where its factor is read.
+/// Quantity of a torque column by its unit; a wrong unit is refused where its factor is read.
 fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
     match table.optional("unit").and_then(|value| value.peek_text()) {
         Some("A" | "mA") => TorqueQuantity::Current,

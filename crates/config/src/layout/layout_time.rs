@@ -19,20 +19,20 @@ const TIMESTAMP: &str = "timestamp";
 /// Unit of cells that are elapsed times with units, such as `T#20ms`.
 const DURATION: &str = "duration";
 
-/// Unit of counts of a clock whose step the layout gives.
+/// Unit of counts of a clock whose step is in the layout.
 const TICKS: &str = "ticks";
 
 /// Sample rates of exports that count rows instead of recording time.
 const SAMPLE_RATE: Limits = Limits::between(0.1, 1e6, "Hz");
 
-/// Step of a clock: from a nanosecond to ten.
+/// Step of a clock: from a nanosecond to ten seconds.
 const TICK: Limits = Limits::between(1e-9, 10.0, "s");
 const TICK_RATE: Limits = Limits::between(0.1, 1e9, "Hz");
 
-/// Values after which a counter begins anew: from eight bits to what doubles count one by one.
+/// Values after which a counter restarts: from eight bits to the largest integer that doubles count exactly.
 const WRAP: Limits = Limits::between(256.0, 9.007_199_254_740_992e15, "in the column's unit");
 
-/// Reads `[time]`; `None` where something is wrong with it.
+/// Reads `[time]`; `None` if it is wrong.
 pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSource> {
     if let Some(value) = table.optional("sample_rate_hz") {
         return value.number(&SAMPLE_RATE).map(TimeSource::SampleRate);
@@ -67,9 +67,9 @@ pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
     }
 }
 
-/// Reads `[start]`; `None` where something is wrong with it.
+/// Reads `[start]`; `None` if it is wrong.
 pub(crate) fn read_start(table: &Table<'_>) -> Option<StartSource> {
-    // not among the columns taken: the column of time may say the start too
+    // not among the used columns: the time column may give the start too
     let column = table.required("column").and_then(|value| ColumnNames::default().take(&value));
     let form = match table.at_most_one_of(&["unit", "format"]) {
         Some((1, value)) => {
@@ -97,7 +97,7 @@ fn read_format(value: &Value<'_>, wanted: &str, gives: fn(&MomentFormat) -> bool
     None
 }
 
-/// The name of the unit that a layout reads time in; `None` where rows are counted.
+/// The name of a layout's time unit; `None` if rows are counted.
 pub(crate) fn unit_of(time: &TimeSource) -> Option<&'static str> {
     match time {
         TimeSource::Column(column) | TimeSource::Restarting(column) | TimeSource::Counter { column, .. } => {

@@ -11,40 +11,41 @@ use crate::toml::table::Table;
 /// Most names of parts: each part keeps a file open.
 const MOST_NAMES: usize = 32;
 
-/// How long a recording waits for its last part if the layout does not say.
+/// Default time that a recording waits for its last part.
 const WAIT_S: f64 = 600.0;
 const WAIT: Limits = Limits::between(0.0, 86_400.0, "s");
 
-/// Stands for the part in a pattern of file names.
+/// Placeholder of the part in a pattern of file names.
 const PART: &str = "{part}";
 
-/// Names of parts that need no `[parts]`: `R01_20260301_0800_part2.csv`, and `R01_20260301_0800_2.mcap` as rosbag2 writes them.
+/// Names of parts that need no `[parts]`: `R01_20260301_0800_part2.csv`, and `R01_20260301_0800_2.mcap` as rosbag2
+/// writes them.
 static NUMBERED: LazyLock<Option<Regex>> = LazyLock::new(|| {
     let pattern = r"(?i)^.*(?:[_.-]part[_-]?(?<part>\d{1,6})(?:\.(?:csv|parquet|mcap))(?:\.(?:gz|zst))?|_(?<bag>\d{1,6})\.mcap)$";
     Regex::new(pattern).ok()
 });
 
-/// How the rows of the parts of a recording match.
+/// Relation between the rows of a recording's parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PartMatch {
-    /// Rows of the same number stand side by side.
+    /// Rows of the same number are joined side by side.
     Row,
-    /// Rows of the same time stand side by side; those of the first part give the times.
+    /// Rows of the same time are joined side by side; those of the first part give the times.
     Time,
     /// The rows of one part follow those of another.
     After,
 }
 
-/// Which files are the parts of one recording, and how their rows match.
+/// The files that are the parts of one recording, and the relation of their rows.
 #[derive(Debug, Clone)]
 pub struct PartRule {
     /// Matches names of parts, with the group `part`.
     pattern: Regex,
     /// The parts in their order; empty if they are numbered.
     pub names: Vec<String>,
-    /// How rows match.
+    /// Relation of rows.
     pub matching: PartMatch,
-    /// How long a recording waits for its last part.
+    /// Time that a recording waits for its last part.
     pub wait: Duration,
 }
 
@@ -55,34 +56,34 @@ impl PartialEq for PartRule {
     }
 }
 
-/// A file name that says a part of a recording.
+/// A file name that contains a part of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PartName {
-    /// What stands before the part.
+    /// Text before the part.
     pub before: String,
     /// The part.
     pub part: String,
-    /// What stands behind it.
+    /// Text after the part.
     pub after: String,
     /// All parts in their order; empty if they are numbered.
     pub names: Vec<String>,
-    /// How long the recording waits for its last part.
+    /// Time that the recording waits for its last part.
     pub wait: Duration,
-    /// A layout says so, and not only the name.
+    /// True if the part comes from a layout's rule, and not only from the name.
     pub is_told: bool,
 }
 
 impl PartRule {
-    /// The part that a file name says; `None` if it says none.
+    /// The part in a file name; `None` if there is none.
     pub(crate) fn part_of(&self, file_name: &str) -> Option<PartName> {
         let part = part_by(&self.pattern, file_name, &self.names, self.wait)?;
         Some(PartName { is_told: true, ..part })
     }
 }
 
-/// The numbered part that a file name says without a rule.
+/// The numbered part in a file name without a rule.
 pub(crate) fn numbered_part(file_name: &str) -> Option<PartName> {
-    // few names say a part, and a search for a text is faster than a pattern
+    // few names contain a part, and a search for a text is faster than a pattern
     let may_be = file_name.ends_with(".mcap") || file_name.to_ascii_lowercase().contains("part");
     let pattern = NUMBERED.as_ref().filter(|_| may_be)?;
     part_by(pattern, file_name, &[], Duration::from_secs_f64(WAIT_S))
@@ -101,7 +102,7 @@ fn part_by(pattern: &Regex, file_name: &str, names: &[String], wait: Duration) -
     })
 }
 
-/// Reads `[parts]`; `None` where something is wrong with it.
+/// Reads `[parts]`; `None` if it is wrong.
 pub(crate) fn read(table: &Table<'_>) -> Option<PartRule> {
     let matching = table.required("match").and_then(|value| match value.text()? {
         "row" => Some(PartMatch::Row),
@@ -151,7 +152,7 @@ pub(crate) fn read(table: &Table<'_>) -> Option<PartRule> {
     Some(PartRule { pattern, names, matching, wait: Duration::from_secs_f64(wait?) })
 }
 
-/// The pattern over whole file names, endings included.
+/// The pattern over whole file names, including endings.
 fn regex_of(pattern: &str, names: &[String]) -> Option<Regex> {
     let (before, after) = pattern.split_once(PART)?;
     let literal = |text: &str| regex::escape(text).replace(r"\*", ".*");

@@ -1,6 +1,6 @@
-//! Where the stage of a row comes from: the section `[stage]` of a layout.
+//! The source of a row's stage: the section `[stage]` of a layout.
 //!
-//! A kind of stage signal is one file, which implements [`StageKind`]. Besides that, it has its variant, its key and
+//! Each kind of stage signal has one file, which implements [`StageKind`]. In addition, it has its variant, its key and
 //! its row in [`StageSource::kind`] here, and its row in `docs/exports.md`.
 
 pub(crate) mod kind;
@@ -23,7 +23,7 @@ use super::column_names::ColumnNames;
 use crate::toml::table::Table;
 use armwatch_model::run::stage_rule::Schedule;
 
-/// Where the stage of a row comes from.
+/// The source of a row's stage.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StageSource {
     /// Whole numbers in a column.
@@ -34,18 +34,18 @@ pub enum StageSource {
     OneHot(OneHot),
     /// The level of an analogue signal in a column.
     Levels(StageLevels),
-    /// The motion; no column says it.
+    /// The motion, without a column.
     Motion(FromMotion),
-    /// A sequence with durations; no column says it.
+    /// A sequence with durations, without a column.
     Schedule(Schedule),
     /// The whole recording is one stage.
     Whole(WholeRecording),
-    /// None: a recording of production, taken in windows.
+    /// None: a recording of production, divided into windows.
     Production(Windows),
 }
 
 impl StageSource {
-    /// What this signal answers to the questions that all of them are asked.
+    /// The common interface of this signal.
     #[must_use]
     pub fn kind(&self) -> &dyn StageKind {
         match self {
@@ -61,10 +61,10 @@ impl StageSource {
     }
 }
 
-/// Reads a kind of signal; a key that it needs is noted where it is missing.
+/// Reads a kind of signal; notes a missing key that it needs.
 type Read = fn(&Table<'_>, &mut ColumnNames) -> Option<StageSource>;
 
-/// The kinds that a layout names, in the order of messages, with all keys that they read.
+/// The kinds that a layout can name, in the order of messages, with all keys that they read.
 const KINDS: [(&str, Read, &[&str]); 6] = [
     ("signal", read_signal, &["column", "between", "excitation", "friction", "warming"]),
     (
@@ -86,7 +86,7 @@ const KINDS: [(&str, Read, &[&str]); 6] = [
     ("production", |table, _| read_windows(table).map(StageSource::Production), &["window_s"]),
 ];
 
-/// Reads where stages come from.
+/// Reads the source of stages.
 pub(crate) fn read_stage_source(table: &Table<'_>, names: &mut ColumnNames) -> Option<StageSource> {
     if let Some(value) = table.optional("whole_recording") {
         return read_whole(&value).map(StageSource::Whole);
@@ -99,12 +99,12 @@ pub(crate) fn read_stage_source(table: &Table<'_>, names: &mut ColumnNames) -> O
     let quoted: Vec<String> = KINDS.iter().map(|(name, ..)| format!("\"{name}\"")).collect();
     let (last, others) = quoted.split_last()?;
     kind.refuse(format!("must be {} or {last}", others.join(", ")), None);
-    // the keys of a kind that is not understood are no mistakes of their own
+    // the keys of an unknown kind are not separate mistakes
     KINDS.iter().flat_map(|(.., keys)| *keys).for_each(|key| drop(table.optional(key)));
     None
 }
 
-/// A column of whole numbers or of words: its lists say which.
+/// Reads a column of whole numbers or of words, which its lists distinguish.
 fn read_signal(table: &Table<'_>, names: &mut ColumnNames) -> Option<StageSource> {
     let column = table.required("column").and_then(|value| names.take(&value));
     let words = table

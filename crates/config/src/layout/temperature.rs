@@ -1,11 +1,11 @@
-//! Columns of temperatures: of each joint's motor and of the hall.
+//! Columns of temperatures: of each joint's motor and of the ambient air.
 
 use super::column::{Column, JointColumns};
 use super::column_names::ColumnNames;
 use crate::toml::table::Table;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// A unit of temperature as exports have it.
+/// A unit of temperature in exports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TemperatureUnit {
     /// Degrees Celsius.
@@ -30,7 +30,7 @@ impl TemperatureUnit {
         }
     }
 
-    /// The temperature that `value` in this unit is, K.
+    /// Converts `value` in this unit to K.
     #[must_use]
     pub fn kelvin(self, value: f64) -> f64 {
         match self {
@@ -40,7 +40,7 @@ impl TemperatureUnit {
         }
     }
 
-    /// `kelvin` in this unit.
+    /// Converts `kelvin` to this unit.
     #[must_use]
     pub fn of_kelvin(self, kelvin: f64) -> f64 {
         match self {
@@ -60,7 +60,7 @@ pub struct MotorTemperature {
     pub unit: TemperatureUnit,
 }
 
-/// Column of the hall's temperature; used if the export has it.
+/// Column of the ambient temperature; used if the export has it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AmbientTemperature {
     /// The column.
@@ -101,7 +101,7 @@ mod tests {
 
     const NATIVE: &str = include_str!("../../../../config/exports/native.toml");
 
-    /// Of temperatures of some hundred kelvin after two operations.
+    /// Tolerance of temperatures of some hundred kelvin after two operations.
     const ROUNDING: f64 = 1e-12;
 
     #[test]

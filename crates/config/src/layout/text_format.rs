@@ -1,5 +1,5 @@
-//! How the text of an export is written, before any column is looked for: encoding, decimal mark and the
-//! lines around the header.
+//! The text format of an export, which applies before columns are searched: encoding, decimal mark and the lines around
+//! the header.
 
 use crate::toml::table::{Table, Value};
 
@@ -9,21 +9,21 @@ const MAX_SKIPPED_LINES: i64 = 10_000;
 /// Longest sign that begins a comment.
 const MAX_COMMENT_CHARS: usize = 8;
 
-/// Begins a comment before the header, unless the layout gives another sign.
+/// Start of a comment before the header, unless the layout gives another one.
 const COMMENT: &str = "#";
 
-/// How the text of an export is written.
+/// Text format of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TextFormat {
-    /// Bytes to characters.
+    /// Encoding of characters.
     pub encoding: TextEncoding,
-    /// What stands before the decimals of a number.
+    /// Mark before the decimals of a number.
     pub decimal: DecimalMark,
-    /// Lines at the start of the file that are not looked at.
+    /// Lines at the start of the file that are skipped.
     pub skip_lines: usize,
     /// Lines before the header that begin with this are comments; empty for none.
     pub comment: String,
-    /// Lines between the header and the first row that are not looked at, such as a row of units.
+    /// Lines between the header and the first row that are skipped, such as a row of units.
     pub skip_after_header: usize,
 }
 
@@ -39,10 +39,10 @@ impl Default for TextFormat {
     }
 }
 
-/// How the bytes of an export mean characters.
+/// Encoding of an export's characters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TextEncoding {
-    /// Told by byte order mark, zero bytes and bytes that are no UTF-8.
+    /// Detected by byte order mark, zero bytes and invalid UTF-8.
     #[default]
     Auto,
     /// UTF-8, with or without byte order mark.
@@ -56,7 +56,7 @@ pub enum TextEncoding {
 }
 
 impl TextEncoding {
-    /// All, as layouts name them.
+    /// All encodings by their names in layouts.
     const NAMED: [(&'static str, Self); 7] = [
         ("auto", Self::Auto),
         ("utf-8", Self::Utf8),
@@ -67,14 +67,14 @@ impl TextEncoding {
         ("iso-8859-1", Self::Windows1252),
     ];
 
-    /// Name as in a layout.
+    /// Name in a layout.
     #[must_use]
     pub fn name(self) -> &'static str {
         Self::NAMED.iter().find(|(_, encoding)| *encoding == self).map_or("auto", |(name, _)| name)
     }
 }
 
-/// What stands before the decimals of a number.
+/// Mark before the decimals of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DecimalMark {
     /// `1.5`
@@ -84,7 +84,7 @@ pub enum DecimalMark {
     Comma,
 }
 
-/// Reads the keys of the root table of a layout; `None` where one is wrong.
+/// Reads the keys of a layout's root table; `None` if one is wrong.
 pub(crate) fn read(root: &Table<'_>) -> Option<TextFormat> {
     let usual = TextFormat::default();
     let encoding = root.optional("encoding").map_or(Some(usual.encoding), |v| read_encoding(&v));

@@ -1,4 +1,4 @@
-//! The formats in which a cell may have been written.
+//! The possible formats of a cell.
 
 use super::names::{meridiem, month_of};
 use super::{MomentFormat, is_blank};
@@ -11,18 +11,18 @@ enum Piece<'c> {
     Sign(char),
 }
 
-/// Conversions of the numbers of a date, by the digits that they may have.
+/// Conversions of the numbers of a date, by their possible numbers of digits.
 const DATE_ORDERS: [&[&str]; 5] =
     [&["%d", "%m", "%Y"], &["%m", "%d", "%Y"], &["%Y", "%m", "%d"], &["%d", "%m", "%y"], &["%m", "%d", "%y"]];
 
-/// With two digits for the year and points between numbers, the day stands first or last.
+/// If the year has two digits and points separate the numbers, the day is first or last.
 const SHORT_DATE_ORDERS: [&[&str]; 2] = [&["%d", "%m", "%y"], &["%y", "%m", "%d"]];
 
 /// Orders with the name of a month.
 const NAMED_ORDERS: [&[&str]; 3] = [&["%d", "%Y"], &["%d", "%y"], &["%Y", "%d"]];
 
-/// The formats that give a moment for a cell with a time of day. With more than one, the cell does not tell which of its
-/// numbers is the day.
+/// The formats that give a time for a cell with a time of day. If there are several, the cell does not show the
+/// position of the day.
 #[must_use]
 pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
     let cell = cell.trim_matches(is_blank);
@@ -37,7 +37,7 @@ pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
         (false, 0) => vec![&[]],
         (false, 1) => vec![&["%Y%m%d"]],
         (true, 2) => NAMED_ORDERS.to_vec(),
-        // a point between numbers is written in countries that begin with the day
+        // a point between numbers is used in countries that begin with the day
         (false, 3) if has_points => {
             vec![DATE_ORDERS[0], DATE_ORDERS[2], SHORT_DATE_ORDERS[0], SHORT_DATE_ORDERS[1]]
         }
@@ -51,7 +51,7 @@ pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
             found.push(format);
         }
     }
-    // a year of four digits leaves nothing to years of two
+    // a four-digit year excludes two-digit years
     if found.iter().any(|format| format.text().contains("%Y")) {
         found.retain(|format| !format.text().contains("%y"));
     }
@@ -85,9 +85,9 @@ fn pieces(cell: &str) -> Vec<Piece<'_>> {
     pieces
 }
 
-/// Where the time of day stands among the pieces of a cell.
+/// Position of the time of day among the pieces of a cell.
 struct TimeOfDay {
-    /// Its first and last piece; the numbers are every other one.
+    /// Its first and last piece; every other one is a number.
     first: usize,
     last: usize,
     /// Conversions of the numbers.
@@ -147,7 +147,7 @@ impl TimeOfDay {
         Some(Self { first, last, conversions, meridiem, offset })
     }
 
-    /// Whether a piece is of the time of day.
+    /// Returns true if a piece belongs to the time of day.
     fn has(&self, at: usize) -> bool {
         (self.first..=self.last).contains(&at) || self.offset.is_some_and(|offset| at >= offset)
     }
@@ -157,7 +157,7 @@ impl TimeOfDay {
         pieces.iter().enumerate().filter(of_date).count()
     }
 
-    /// The cell as a format whose numbers of the date have these conversions.
+    /// The cell as a format; the numbers of the date have these conversions.
     fn format(&self, pieces: &[Piece<'_>], date: &[&str]) -> Option<MomentFormat> {
         let mut text = String::new();
         let mut date = date.iter();

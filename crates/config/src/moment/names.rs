@@ -16,14 +16,14 @@ pub(super) const MONTHS: [&[&str]; 12] = [
     &["dec", "december", "dez", "dezember", "dic", "dicembre"],
 ];
 
-/// The word that a text begins with, a point behind it taken off, and the rest.
+/// The word at the start of a text, without a point after it, and the rest.
 fn word(text: &str) -> Option<(&str, &str)> {
     let end = text.find(|c: char| !c.is_alphabetic()).unwrap_or(text.len());
     let (word, rest) = text.split_at_checked(end)?;
     (!word.is_empty()).then(|| (word, rest.strip_prefix('.').unwrap_or(rest)))
 }
 
-/// The month, from 1, whose name a text begins with, and the rest.
+/// The month, from 1, whose name is at the start of a text, and the rest.
 pub(super) fn month(text: &str) -> Option<(i64, &str)> {
     let (word, rest) = word(text.trim_start_matches(super::is_blank))?;
     Some((month_of(word)?, rest))
@@ -36,12 +36,12 @@ pub(super) fn month_of(word: &str) -> Option<i64> {
     i64::try_from(place + 1).ok()
 }
 
-/// What follows a word.
+/// The text after a word.
 pub(super) fn skip_word(text: &str) -> Option<&str> {
     word(text).map(|(_, rest)| rest)
 }
 
-/// Whether a text begins with PM rather than AM, and the rest.
+/// Returns true if a text begins with PM, false for AM, and the rest.
 pub(super) fn meridiem(text: &str) -> Option<(bool, &str)> {
     let text = text.trim_start_matches(super::is_blank);
     let spellings = [("a.m.", false), ("p.m.", true), ("am", false), ("pm", true)];

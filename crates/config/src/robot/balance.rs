@@ -1,4 +1,5 @@
-//! The tables `[[spring]]`, `[[counterbalance]]` and `[[parallelogram]]`: what moves an arm beside its motors.
+//! The tables `[[spring]]`, `[[counterbalance]]` and `[[parallelogram]]`: elements that move an arm in addition to its
+//! motors.
 
 use super::nominal::read_inertial;
 use super::transmission::read_joint_number;
@@ -7,17 +8,17 @@ use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
 use armwatch_model::robot::{Joint, JointKind, Parallelogram, Spring, SpringForm};
 
-/// Least difference of the distances of a cylinder's pins, relative to the larger one: with equal ones the cylinder would
-/// have no length where both pins are on one side.
+/// Least difference of the distances of a cylinder's pins, relative to the larger one: with equal ones the cylinder
+/// would have no length with both pins on one side.
 const LEAST_DIFFERENCE: f64 = 0.01;
 
-/// What an arm has beside its motors.
+/// Elements of an arm in addition to its motors.
 pub(crate) struct Balance {
     pub springs: Vec<Spring>,
     pub parallelograms: Vec<Parallelogram>,
 }
 
-/// Reads the tables; nothing where the arm has none.
+/// Reads the tables; the result is empty if the arm has none.
 pub(crate) fn read(root: &Table<'_>, joints: Option<&[Joint]>) -> Option<Balance> {
     let mut springs: Vec<Spring> = Vec::new();
     let mut sound = true;
@@ -76,7 +77,7 @@ fn read_spring(section: &Value<'_>, joints: &[Joint], is_cylinder: bool) -> Opti
     Some(Spring { joint: joint?, form: form?, nominal: nominal? })
 }
 
-/// Stiffness and the position at which the spring is relaxed, as stiffness and torque at position 0.
+/// Reads stiffness and relaxed position of the spring, as stiffness and torque at position 0.
 fn read_direct(table: &Table<'_>, kind: JointKind) -> Option<Option<[f64; 2]>> {
     let (key, limits) = match kind {
         JointKind::Revolute => ("stiffness_nm_rad", Limits::within(1e6, "Nm/rad")),
@@ -97,10 +98,10 @@ fn read_direct(table: &Table<'_>, kind: JointKind) -> Option<Option<[f64; 2]>> {
     }
 }
 
-/// Why the numbers of a spring may be left out.
+/// Why the numbers of a spring are optional.
 const IDENTIFIED: &str = "identification finds them; the simulator needs them";
 
-/// Two numbers that are given together or not at all.
+/// Two numbers that must be given together or not at all.
 fn both(table: &Table<'_>, keys: [&str; 2], limits: [Limits; 2]) -> Option<Option<[f64; 2]>> {
     let [a, b] = [0, 1].map(|k| table.optional(keys[k]).map(|value| value.number(&limits[k])));
     match (a, b) {

@@ -1,4 +1,4 @@
-//! What stands around an arm: a TOML file with `[[plane]]`, `[[box]]` and `[[cylinder]]`, in the arm's base frame.
+//! The surroundings of an arm: a TOML file with `[[plane]]`, `[[box]]` and `[[cylinder]]`, in the arm's base frame.
 
 use std::path::Path;
 
@@ -14,16 +14,16 @@ use armwatch_model::robot::{Cell, Obstacle, ObstacleForm, Transform};
 /// Edges of a box.
 const EDGE: Limits = Limits::above(0.0, 100.0, "m");
 
-/// Reads what stands around an arm from the file at `path`.
+/// Reads the surroundings of an arm from the file at `path`.
 ///
 /// # Errors
 ///
-/// Every problem of the file at once, or that it cannot be read.
+/// Every problem of the file at once, or a failed read.
 pub fn read_cell(path: &Path) -> Result<Cell, ConfigErrors> {
     parse_cell(&path.display().to_string(), &files::read_text(path)?)
 }
 
-/// Reads what stands around an arm from `text`; `file_name` says where problems are.
+/// Reads the surroundings of an arm from `text`; `file_name` is used in problems.
 fn parse_cell(file_name: &str, text: &str) -> Result<Cell, ConfigErrors> {
     read_document(file_name, text, |root| {
         let planes = read_all(root, "plane", read_plane);

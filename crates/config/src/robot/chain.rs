@@ -1,4 +1,4 @@
-//! The joints of an arm from base to flange, however their geometry is written.
+//! The joints of an arm from base to flange, for any form of their geometry.
 
 use armwatch_model::robot::{Joint, Transform};
 
@@ -6,6 +6,6 @@ use armwatch_model::robot::{Joint, Transform};
 pub(crate) struct Chain {
     pub joints: Vec<Joint>,
     pub end: Transform,
-    /// What was read otherwise than it is written, in sentences.
+    /// Values that were read differently than written, in sentences.
     pub remarks: Vec<String>,
 }

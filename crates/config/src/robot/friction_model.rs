@@ -1,4 +1,4 @@
-//! The friction columns of a description: those of the arm, and of joints that differ.
+//! The friction columns of a description: those of the arm, and of joints with another model.
 
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
@@ -17,7 +17,7 @@ static LAWS: [LawKind; FrictionLaw::KINDS.len()] = FrictionLaw::KINDS;
 /// Every dependence on load.
 static LOADS: [LoadKind; LoadFriction::KINDS.len()] = LoadFriction::KINDS;
 
-/// What a table says of friction, each part where it says it.
+/// Keys of a table about friction, each part if present.
 struct GivenFriction<'d> {
     law: Option<&'static LawKind>,
     /// Speeds with the laws that they belong to.
@@ -26,10 +26,10 @@ struct GivenFriction<'d> {
     load: Option<LoadFriction>,
 }
 
-/// The model of an arm as its root gives it.
+/// The model of an arm from its root table.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct ArmModel {
-    /// The model that joints start from; its speed is zero where the root gives none.
+    /// The default model of joints; its speed is zero if the root gives none.
     pub(crate) model: FrictionModel,
     /// Key of the speed that the root's law needs and the root does not give: each joint must give its own.
     missing_speed: Option<&'static str>,
@@ -54,12 +54,12 @@ pub(crate) fn read_of_arm(root: &Table<'_>) -> Option<ArmModel> {
 }
 
 impl ArmModel {
-    /// The model of joints without one of their own; notes a missing speed if there is such a joint.
+    /// The model of joints without their own; notes a missing speed if there is such a joint.
     pub(crate) fn of_other_joints(self, root: &Table<'_>, joints: &[Joint]) -> Option<FrictionModel> {
         let Some(key) = self.missing_speed else { return Some(self.model) };
         let own: Option<Vec<FrictionModel>> = joints.iter().map(|joint| joint.friction).collect();
         match own.and_then(|own| own.first().copied()) {
-            // nothing is left for the arm's model to say
+            // the arm's model applies to no joint
             Some(first) => Some(first),
             None => {
                 let hint = || Some("give it here, or in every [[joint]]".into());
@@ -70,7 +70,7 @@ impl ArmModel {
     }
 }
 
-/// Reads what one joint has in place of the `arm`'s model; `Some(None)` where it says nothing.
+/// Reads the model of one joint that differs from the `arm`'s; `Some(None)` if the table gives none.
 pub(crate) fn read_of_joint(
     table: &Table<'_>,
     kind: JointKind,
@@ -97,7 +97,7 @@ fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<GivenFriction<'d>> {
         JointKind::Revolute => RAD_S,
         JointKind::Prismatic => M_S,
     };
-    // every part is read before any fails, so that all problems are found at once
+    // all parts are read before any fails, so that one pass reports all problems
     let law = table.optional(MODEL).map(|value| read_law(&value));
     let speeds: Vec<_> = LAWS
         .iter()
@@ -118,7 +118,7 @@ fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<GivenFriction<'d>> {
     Some(GivenFriction { law, speeds, asymmetric, load: load? })
 }
 
-/// Reads how friction depends on load; `Some(None)` where the table says nothing.
+/// Reads the dependence of friction on load; `Some(None)` if the table gives none.
 fn read_load(table: &Table<'_>, kind: JointKind, limits: &Limits) -> Option<Option<LoadFriction>> {
     let key = match kind {
         JointKind::Revolute => "load_speed_rad_s",
@@ -176,7 +176,7 @@ fn read_law(value: &Value<'_>) -> Option<&'static LawKind> {
     found
 }
 
-/// The model that is given, with `default` for what is not.
+/// The given model, with `default` for missing parts.
 fn resolved(
     table: &Table<'_>,
     kind: JointKind,
@@ -212,7 +212,7 @@ fn resolved(
     Some(FrictionModel { law, asymmetric, load })
 }
 
-/// Notes that a law has no columns for one direction alone, where that is asked for.
+/// Notes that a law has no separate columns for each direction, if they are requested.
 fn check_directions(table: &Table<'_>, law: &LawKind, asymmetric: bool) -> Option<()> {
     if asymmetric && !law.has_directions {
         let model = match (law.with_speed)(0.0) {
@@ -313,7 +313,7 @@ mod tests {
         for (joint, speed) in robot.joint_indices().zip([0.01, 0.02, 0.03, 0.04, 0.05, 0.06]) {
             assert_eq!(robot.friction_of(joint).law, FrictionLaw::Smooth { speed });
         }
-        // one joint without: one problem, and no word of the others
+        // one joint without: one problem, and none about the others
         let errors = parse_robot("a.toml", &text(&[0, 1, 3, 4, 5])).expect_err("no speed for joint 3");
         let keys: Vec<&str> = errors.0.iter().map(|problem| problem.key.as_str()).collect();
         assert_eq!(keys, ["smooth_speed_rad_s"], "{errors}");

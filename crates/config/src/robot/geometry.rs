@@ -5,15 +5,14 @@ use crate::toml::range::Limits;
 use crate::toml::table::Table;
 use armwatch_model::robot::{DhParameters, JointKind, Transform};
 
-/// Longest link length or offset. No industrial arm has a link of that length, so that a value in
-/// mm does not pass for one in m.
+/// Longest link length or offset. No industrial arm has a link of that length, so that a value in mm is not accepted as
+/// one in m.
 const LENGTH: Limits = Limits::within(10.0, "m");
 
-/// Angles in degrees from here up to `2 pi` are taken for radians. Smaller ones are the twist that
-/// a calibration finds.
+/// Angles in degrees between this and `2 pi` probably are radians. Smaller ones are twists from a calibration.
 const SUSPICIOUS_DEG: f64 = 0.5;
 
-/// In which convention a description gives its geometry, as the key `convention` must say it.
+/// The convention of a description's geometry, in the key `convention`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Convention {
     ModifiedDh,
@@ -72,7 +71,7 @@ fn read_length(table: &Table<'_>, key: &str) -> Option<f64> {
     table.required(key)?.number_or_hint(&LENGTH, in_metres)
 }
 
-/// An angle of the geometry, with an eye on degrees and radians taken for each other.
+/// An angle of the geometry, with a check for confused degrees and radians.
 fn read_fixed_angle(table: &Table<'_>, stem: &str) -> Option<f64> {
     let given = quantity(table, stem, JointKind::Revolute, &TURN).required()?;
     let degrees = given.raw.abs();

@@ -7,12 +7,12 @@ use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
 use armwatch_model::robot::{FrictionModel, Joint, JointGeometry, JointKind, JointLimits};
 
-/// Default of `low_speed_*`, rad/s or m/s: below it the friction model is not to be trusted.
+/// Default of `low_speed_*`, rad/s or m/s: below it the friction model is unreliable.
 pub(crate) const DEFAULT_LOW_SPEED: f64 = 0.02;
 
 /// Joint torque per motor current.
 pub(crate) const DRIVE_GAIN: &str = "drive_gain_nm_a";
-/// The same of a sliding joint.
+/// The same for a prismatic joint.
 pub(crate) const DRIVE_GAIN_OF_SLIDE: &str = "drive_gain_n_a";
 /// Torque per current at the motor's shaft.
 pub(crate) const MOTOR_TORQUE_CONSTANT: &str = "motor_torque_constant_nm_a";
@@ -20,16 +20,16 @@ pub(crate) const MOTOR_TORQUE_CONSTANT: &str = "motor_torque_constant_nm_a";
 pub(crate) const RATED_MOTOR_TORQUE: &str = "rated_motor_torque_nm";
 /// Rated torque of a joint.
 pub(crate) const RATED_JOINT_TORQUE: &str = "rated_joint_torque_nm";
-/// Rated force of a sliding joint.
+/// Rated force of a prismatic joint.
 pub(crate) const RATED_JOINT_FORCE: &str = "rated_joint_force_n";
-/// Largest torque of a joint for a moment.
+/// Largest short-term torque of a joint.
 const PEAK_JOINT_TORQUE: &str = "peak_joint_torque_nm";
-/// Largest force of a sliding joint for a moment.
+/// Largest short-term force of a prismatic joint.
 const PEAK_JOINT_FORCE: &str = "peak_joint_force_n";
 
-/// Reads a joint of a Denavit-Hartenberg table, of either convention: its row stands in the geometry as
-/// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it, `default_ratio` the one of
-/// a joint that gives none, `friction` the arm's model.
+/// Reads a joint of a Denavit-Hartenberg table, of either convention: the geometry stores its row as one of a modified
+/// table. `ratio` is its gear ratio from a transmission matrix, `default_ratio` the ratio of a joint that gives none,
+/// `friction` the arm's model.
 pub(crate) fn read(
     table: &Table<'_>,
     ratio: Option<f64>,
@@ -37,7 +37,7 @@ pub(crate) fn read(
 ) -> Option<Joint> {
     let name = read_name(table);
     let kind = read_kind(table);
-    // Without a type the units are not known, but what does not depend on them is still checked.
+    // Without a type the units are unknown, but values that do not depend on them are still checked.
     let assumed = kind.unwrap_or(JointKind::Revolute);
     let row = read_dh_row(table);
     let limits = read_limits(table, assumed);
@@ -66,7 +66,7 @@ pub(crate) fn read(
     })
 }
 
-/// What a joint has whatever its geometry comes from.
+/// Properties of a joint that do not depend on the source of its geometry.
 pub(crate) struct Drive {
     pub position_offset: f64,
     pub drive_gain: Option<f64>,
@@ -78,7 +78,7 @@ pub(crate) struct Drive {
     pub friction: Option<FrictionModel>,
 }
 
-/// Reads the keys of the drive, all of which may be left out; `arm` is the arm's friction model.
+/// Reads the keys of the drive, which are all optional; `arm` is the arm's friction model.
 pub(crate) fn read_drive(table: &Table<'_>, kind: JointKind, arm: FrictionModel) -> Option<Drive> {
     let torque = Limits::above(0.0, 1e4, "Nm");
     let rated_motor_torque = table.optional(RATED_MOTOR_TORQUE).map(|value| value.number(&torque));
@@ -112,7 +112,7 @@ pub(crate) fn read_drive(table: &Table<'_>, kind: JointKind, arm: FrictionModel)
     })
 }
 
-/// A gain, whose sign says which way the current drives.
+/// A gain, whose sign gives the direction of the drive for a positive current.
 fn not_zero(value: &Value<'_>, limits: &Limits) -> Option<f64> {
     let gain = value.number(limits)?;
     if gain == 0.0 {
@@ -131,7 +131,7 @@ pub(crate) fn check_low_speed(table: &Table<'_>, drive: Option<&Drive>, velocity
     }
 }
 
-/// The gear ratio, which a transmission matrix or a default may give instead.
+/// The gear ratio, unless a transmission matrix or a default gives it.
 pub(crate) fn read_gear_ratio(
     table: &Table<'_>,
     of_matrix: Option<f64>,
@@ -161,12 +161,12 @@ pub(crate) fn read_gear_ratio(
     }
 }
 
-/// The name, where given.
+/// The name, if given.
 fn read_name(table: &Table<'_>) -> Option<Option<String>> {
     optional(table.optional("name").map(|value| value.text().map(str::to_owned)))
 }
 
-/// Absent is fine, wrong is not.
+/// Accepts an absent value, but not a wrong one.
 pub(crate) fn optional<T>(value: Option<Option<T>>) -> Option<Option<T>> {
     match value {
         None => Some(None),

@@ -1,5 +1,5 @@
-//! The table `[joint.nominal]`: what a drawing or a catalogue says of a joint, and whether a real
-//! body can be like that.
+//! The table `[joint.nominal]`: values of a joint from a drawing or a catalogue, with a check of their physical
+//! consistency.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -7,20 +7,20 @@ use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
 use armwatch_model::robot::{FRICTION_COUNT, JointKind, NominalJoint, StandardParameters, WarmUpShape};
 
-/// How far the largest principal moment may exceed the sum of the others, relative to the inertia
-/// given: drawings round to about four digits, and a thin rod lies exactly on the limit.
+/// Largest excess of the largest principal moment over the sum of the others, relative to the given inertia: drawings
+/// round to about four digits, and a thin rod is exactly on the limit.
 const ROUNDING: f64 = 1e-4;
 
-/// Speeds at which the friction curve is looked at, evenly up to the largest speed.
+/// Number of speeds for checking the friction curve, evenly up to the largest speed.
 const FRICTION_SPEEDS: usize = 50;
 
-/// Minutes of a file to seconds.
+/// Seconds per minute, for values of a file.
 const MINUTE: f64 = 60.0;
 
-/// Keys of f1..f4 for a joint that turns.
+/// Keys of f1..f4 for a revolute joint.
 const REVOLUTE_FRICTION: [&str; FRICTION_COUNT] = ["f1_nm", "f2_nm_s_rad", "f3_nm_s2_rad2", "f4_nm_s3_rad3"];
 
-/// Keys of f1..f4 for a joint that slides.
+/// Keys of f1..f4 for a prismatic joint.
 const PRISMATIC_FRICTION: [&str; FRICTION_COUNT] = ["f1_n", "f2_n_s_m", "f3_n_s2_m2", "f4_n_s3_m3"];
 
 /// Key of an inertia about the origin of the joint's frame.
@@ -29,7 +29,7 @@ const ABOUT_ORIGIN: &str = "inertia_kg_m2";
 /// Key of an inertia about the centre of mass.
 const ABOUT_CENTRE: &str = "inertia_about_centre_of_mass_kg_m2";
 
-/// Reads the table; `velocity` is the joint's largest speed in SI, where that was understood.
+/// Reads the table; `velocity` is the joint's largest speed in SI, if it was valid.
 pub(crate) fn read(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) -> Option<NominalJoint> {
     let inertial = read_inertial(table);
     let ((inertia_key, inertia_limits), (noise_key, noise_limits)) = keys(kind);
@@ -46,8 +46,7 @@ pub(crate) fn read(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) ->
     })
 }
 
-/// Reads the table of a joint whose inertia stands elsewhere: whatever is left out stays as in
-/// `given`.
+/// Reads the table of a joint whose inertia comes from another source: missing values stay as in `given`.
 pub(crate) fn read_beside(
     table: &Table<'_>,
     kind: JointKind,
@@ -82,8 +81,8 @@ fn keys(kind: JointKind) -> ((&'static str, Limits), (&'static str, Limits)) {
     }
 }
 
-/// Mass with either first moment and inertia about the origin of the joint's frame, or centre of mass
-/// and inertia about that centre.
+/// Reads the mass with either first moment and inertia about the origin of the joint's frame, or centre of mass and
+/// inertia about that centre.
 pub(crate) fn read_inertial(table: &Table<'_>) -> Option<StandardParameters> {
     let mass = table.number("mass_kg", &Limits::above(0.0, 1e4, "kg"));
     let about_centre = table.optional("centre_of_mass_m");
@@ -126,9 +125,9 @@ fn read_matrix(value: &Value<'_>) -> Option<Matrix3<f64>> {
     Some(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
 }
 
-/// Whether some distribution of positive mass has these parameters. About the centre of mass no
-/// principal moment may be negative or exceed the sum of the other two, which for a positive mass
-/// is the same as a positive semidefinite pseudo-inertia matrix (Wensing, Kim, Slotine 2018).
+/// Checks that some distribution of positive mass has these parameters. About the centre of mass no principal moment
+/// may be negative or exceed the sum of the other two, which for a positive mass is equivalent to a positive
+/// semidefinite pseudo-inertia matrix (Wensing, Kim, Slotine 2018).
 pub(crate) fn check_body(parameters: &StandardParameters) -> Result<(), String> {
     let mass = parameters.mass();
     let centre = parameters.first_moment() / mass;
@@ -161,7 +160,7 @@ fn read_friction(value: &Value<'_>, kind: JointKind, velocity: Option<f64>) -> O
     let limits = Limits::within(1e6, "");
     let [f1, f2, f3, f4] = {
         let entries = value.table()?;
-        // Coulomb and viscous friction alone are fine.
+        // Coulomb and viscous friction alone are sufficient.
         let [first, second, third, fourth] = keys;
         [
             entries.number(first, &limits),
@@ -181,7 +180,7 @@ fn read_friction(value: &Value<'_>, kind: JointKind, velocity: Option<f64>) -> O
     Some(friction)
 }
 
-/// The first speed at which friction [3.10] is negative.
+/// The first speed with negative friction [3.10].
 fn driving_speed([f1, f2, f3, f4]: [f64; FRICTION_COUNT], velocity: f64) -> Option<f64> {
     (0..=FRICTION_SPEEDS)
         .map(|i| velocity * i as f64 / FRICTION_SPEEDS as f64)
@@ -189,7 +188,7 @@ fn driving_speed([f1, f2, f3, f4]: [f64; FRICTION_COUNT], velocity: f64) -> Opti
 }
 
 fn read_warm_up(table: &Table<'_>) -> Option<WarmUpShape> {
-    // A negative fraction is an arm that stiffens as it warms; friction of nothing is no arm.
+    // A negative fraction is an arm whose friction increases as it warms; friction must not vanish.
     let fraction = Limits::between(-0.9, 10.0, "of warm friction");
     let time = Limits::above(0.0, 1000.0, "min");
     let b = table.number("b", &fraction);

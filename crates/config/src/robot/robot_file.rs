@@ -15,7 +15,7 @@ use armwatch_model::robot::{
     FourierExcitation, FrictionModel, Joint, JointGeometry, MAX_JOINTS, Robot, TorqueSensors, Transform,
 };
 
-/// Longest name of a model, in characters; it stands in table columns and plot titles.
+/// Longest name of a model, in characters; it appears in table columns and plot titles.
 const MODEL_CHARACTERS: usize = 64;
 
 /// Most speed levels of a friction test; the exports' signal for them is a small number.
@@ -24,8 +24,8 @@ const MAX_SPEED_LEVELS: usize = 20;
 /// Most harmonics of an excitation; the one published for the ER3A has 5.
 const MAX_HARMONICS: usize = 50;
 
-/// Reads the description of an arm from `text`; `file_name` says where problems are, and a URDF file
-/// that the description names is looked for beside it.
+/// Reads the description of an arm from `text`; `file_name` is used in problems, and a URDF file that the description
+/// names is searched next to it.
 ///
 /// # Errors
 ///
@@ -38,12 +38,12 @@ pub fn parse_robot(file_name: &str, text: &str) -> Result<Robot, ConfigErrors> {
 ///
 /// # Errors
 ///
-/// Every problem of the description at once, or that the file cannot be read.
+/// Every problem of the description at once, or a failed read.
 pub fn read_robot(path: &Path) -> Result<Robot, ConfigErrors> {
     parse_robot(&path.display().to_string(), &files::read_text(path)?)
 }
 
-/// [`parse_robot`], with a reader of other files that the description names.
+/// Like [`parse_robot`], with a reader for other files that the description names.
 pub fn parse_robot_with(
     file_name: &str,
     text: &str,
@@ -60,13 +60,13 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
     let speed_levels = read_speed_levels(root);
     let friction = friction_model::read_of_arm(root);
     let torque_sensors = read_torque_sensors(root);
-    // what is wrong with the arm's model is said once
+    // problems of the arm's model are reported once
     let of_arm = friction.unwrap_or_default().model;
     let tool = geometry::read_tool(root);
     let given = transmission::read_matrix(root);
     let chain = match convention {
         Some(Convention::Urdf) => urdf_arm::read_chain(root, folder, read_text, &given, of_arm),
-        // What does not depend on the convention is still checked.
+        // Values that do not depend on the convention are still checked.
         _ => read_dh_chain(root, convention, (&given, torque_sensors), of_arm),
     };
     let joints = chain.as_ref().map(|chain| &chain.joints[..]);
@@ -91,7 +91,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         friction,
         torque_sensors,
         transmission: transmission.matrix,
-        // a sensor behind the gears does not feel the motors
+        // a sensor after the gears does not measure the motors
         couplings: match torque_sensors {
             TorqueSensors::Motor => transmission.couplings,
             TorqueSensors::Link => Vec::new(),
@@ -129,7 +129,7 @@ fn read_speed_levels(root: &Table<'_>) -> Option<Vec<f64>> {
     Some(levels)
 }
 
-/// Which torque is measured.
+/// Reads which torque is measured.
 fn read_torque_sensors(root: &Table<'_>) -> Option<TorqueSensors> {
     let Some(value) = root.optional("torque_sensors") else { return Some(TorqueSensors::default()) };
     match value.text()? {
@@ -150,7 +150,7 @@ fn read_dh_chain(
     (given, torque_sensors): (&GivenTransmission<'_>, Option<TorqueSensors>),
     friction: FrictionModel,
 ) -> Option<Chain> {
-    // a sensor behind the gears does not feel them
+    // a sensor after the gears does not measure them
     let default_ratio = torque_sensors.filter(|of| *of == TorqueSensors::Link).map(|_| 1.0);
     let value = root
         .required_or_else("joint", || Some("write one [[joint]] a joint, from the base outwards".into()))?;
@@ -205,7 +205,7 @@ fn read_centre(value: &Value<'_>, joints: Option<&[Joint]>) -> Option<Vec<f64>> 
     Some(centre)
 }
 
-/// One array of amplitudes a joint, all of the same length.
+/// One array of amplitudes per joint, all of the same length.
 fn read_amplitudes(table: &Table<'_>, key: &str, joint_count: Option<usize>) -> Option<Vec<Vec<f64>>> {
     let value = table.required(key)?;
     let items = value.items()?;
@@ -299,7 +299,7 @@ mod tests {
         let harmonics = |row: &[f64], f: &dyn Fn(f64) -> f64| -> f64 {
             row.iter().enumerate().map(|(l, x)| x * f(l as f64 + 1.0)).sum()
         };
-        // Largest speed as a fraction of the limit, which the source's table is known to reach.
+        // Known largest speeds of the source's table, as fractions of the limits.
         let expected = [0.66, 0.61, 0.59, 0.52, 0.46, 0.39];
         for (i, joint) in robot.joints.iter().enumerate() {
             let (a, b) = (&excitation.a[i], &excitation.b[i]);
@@ -368,7 +368,7 @@ mod tests {
         assert_eq!(names[names.len() - 3..], ["J6_Iam", "J6_fvm", "J6_fsm"]);
         let friction = ["fs", "fv", "off"];
         assert!((1..=6).all(|j| friction.iter().all(|f| names.contains(&format!("J{j}_{f}")))), "{names:?}");
-        // The controller's zero is the arm upright.
+        // At the controller's zero the arm is upright.
         assert_eq!(robot.joints[1].position_offset, -std::f64::consts::FRAC_PI_2);
         assert_eq!((robot.joints[3].gear_ratio, robot.transmission[(5, 4)]), (-48.0, 32.0));
         assert_eq!(robot.couplings[0].ratio, 1.0);
@@ -389,7 +389,7 @@ mod tests {
         let robot = parse_robot("ur10e.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
         let base = base_parameters(&robot).expect("base parameters");
         assert_eq!((base.inertial_rank, base.inertial_and_motor_rank, base.rank), (36, 40, 58));
-        // All joints at zero: the arm lies stretched out along -x, and its flange points along -y.
+        // All joints at zero: the arm is stretched out along -x, and its flange points along -y.
         let pose = forward_kinematics(&robot, &[0.0; 6]);
         let expected = [-0.6127 - 0.57155, -0.17415 - 0.11655, 0.1807 - 0.11985];
         assert!(

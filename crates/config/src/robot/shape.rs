@@ -1,4 +1,4 @@
-//! Space that the links of a description take up: `[[capsule]]` and `self_collision`.
+//! Space of a description's links: `[[capsule]]` and `self_collision`.
 
 use nalgebra::Vector3;
 
@@ -6,7 +6,7 @@ use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
 use armwatch_model::robot::{ArmShape, Capsule};
 
-/// Places of capsules and obstacles.
+/// Positions of capsules and obstacles.
 pub(super) const PLACE: Limits = Limits::within(20.0, "m");
 /// Radii of capsules and obstacles.
 pub(super) const RADIUS: Limits = Limits::above(0.0, 10.0, "m");
@@ -14,7 +14,7 @@ pub(super) const RADIUS: Limits = Limits::above(0.0, 10.0, "m");
 /// Most capsules of an arm, and most pairs of links.
 const MOST: usize = 64;
 
-/// Reads the capsules of an arm with so many joints, and the pairs of links that must not touch.
+/// Reads the capsules of an arm with `joints` joints, and the pairs of links that must not touch.
 pub(crate) fn read(root: &Table<'_>, joints: Option<usize>) -> Option<ArmShape> {
     let links = joints.unwrap_or(armwatch_model::robot::MAX_JOINTS);
     let capsules = match root.optional("capsule") {

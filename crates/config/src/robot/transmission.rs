@@ -1,4 +1,4 @@
-//! The tables `[transmission]` and `[[coupling]]`: how motors turn with joints.
+//! The tables `[transmission]` and `[[coupling]]`: relation between the positions of motors and joints.
 
 use nalgebra::DMatrix;
 
@@ -13,12 +13,12 @@ const RATIO: Limits = Limits::within(1e5, "");
 /// The matrix as given, before the number of joints is known.
 pub(crate) struct GivenTransmission<'d> {
     matrix: Option<(Value<'d>, Vec<Vec<f64>>)>,
-    /// Whether something was given that was wrong.
+    /// True if a given value was wrong.
     wrong: bool,
 }
 
 impl GivenTransmission<'_> {
-    /// The gear ratio of joint `index` as the matrix has it.
+    /// The gear ratio of joint `index` in the matrix.
     pub fn ratio(&self, index: usize) -> Option<f64> {
         self.matrix.as_ref()?.1.get(index)?.get(index).copied()
     }
@@ -28,11 +28,11 @@ impl GivenTransmission<'_> {
 pub(crate) struct Transmission {
     /// `R` of `theta_motor = R q`.
     pub matrix: DMatrix<f64>,
-    /// Motors with parameters of their own for what they share.
+    /// Motors with separate parameters for the shared motion.
     pub couplings: Vec<Coupling>,
 }
 
-/// Reads `[transmission] motor_per_joint`, where given.
+/// Reads `[transmission] motor_per_joint`, if given.
 pub(crate) fn read_matrix<'d>(root: &Table<'d>) -> GivenTransmission<'d> {
     let nothing = |wrong| GivenTransmission { matrix: None, wrong };
     let Some(value) = root.optional("transmission") else { return nothing(false) };
@@ -144,7 +144,7 @@ fn coupling_of(
     Some(Coupling { joint, motor_joint: motor, ratio })
 }
 
-/// Two couplings of one motor would have parameters of one name.
+/// Refuses two couplings of one motor: their parameters would have the same names.
 fn check_own_motor(section: &Value<'_>, couplings: &[Coupling], i: usize) -> bool {
     let motor = couplings[i].motor_joint;
     let first = couplings[..i].iter().all(|other| other.motor_joint != motor);

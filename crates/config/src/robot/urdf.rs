@@ -1,4 +1,4 @@
-//! URDF files to a chain of turning and sliding joints: fixed joints merged, axes along z.
+//! Converts URDF files to a chain of revolute and prismatic joints: fixed joints merged, axes along z.
 
 use std::collections::{HashMap, HashSet};
 use std::f64::consts::FRAC_PI_2;
@@ -8,12 +8,11 @@ use nalgebra::{Matrix3, Vector3};
 use super::nominal::check_body;
 use armwatch_model::robot::{JointGeometry, JointKind, StandardParameters, Transform, UrdfOrigin};
 
-/// Range that stands in for the missing one of a continuous joint, rad: a full turn each way, which
-/// is what most controllers show of such an axis.
+/// Replacement for the missing range of a continuous joint, rad: a full turn each way, like in most controllers.
 const CONTINUOUS_RANGE: f64 = std::f64::consts::TAU;
 
-/// An angle within this of a multiple of 90 degrees, rad, is that multiple: it was rounded. A real arm's frames are not
-/// known to 0.006 degrees, and a rounded right angle brings about parameters that no recording can show.
+/// An angle this close to a multiple of 90 degrees, rad, is set to that multiple: it was rounded. A real arm's frames
+/// are not known to 0.006 degrees, and a rounded right angle creates parameters that no recording can identify.
 const ROUNDED_ANGLE: f64 = 1e-4;
 
 /// A chain read from a URDF file.
@@ -23,11 +22,11 @@ pub(crate) struct UrdfChain {
     pub joints: Vec<UrdfJoint>,
     /// Frame of the tip link in the frame of the last joint.
     pub end: Transform,
-    /// What was read otherwise than it is written, in sentences.
+    /// Values that were read differently than written, in sentences.
     pub remarks: Vec<String>,
 }
 
-/// A moving joint and what hangs on it.
+/// A moving joint and its link.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct UrdfJoint {
     pub name: String,
@@ -36,7 +35,7 @@ pub(crate) struct UrdfJoint {
     pub position_min: f64,
     pub position_max: f64,
     pub velocity: f64,
-    /// Of the link and of all links fixed to it, about the joint's frame; `None` without mass.
+    /// Body of the link and of all links fixed to it, about the joint's frame; `None` without mass.
     pub inertial: Option<StandardParameters>,
     /// Viscous friction, Nm s/rad.
     pub damping: f64,
@@ -44,15 +43,14 @@ pub(crate) struct UrdfJoint {
     pub friction: f64,
 }
 
-/// Reads the chain to `tip`, which must be given where moving joints branch.
+/// Reads the chain to `tip`, which must be given if moving joints branch.
 ///
-/// The frame of a moving joint is its URDF frame turned by the smallest rotation that takes z to the
-/// joint's axis; the links behind are turned back. Links on fixed joints, and those on moving joints
-/// off the chain at position 0, are merged into the link that carries them.
+/// The frame of a moving joint is its URDF frame turned by the smallest rotation that brings z to the joint's axis; the
+/// links after it are turned back. Links on fixed joints, and those on moving joints off the chain at position 0, are
+/// merged into the link that carries them.
 ///
 /// # Errors
-///
-/// What is wrong with the file, in words for a person.
+/// The fault of the file, in words.
 pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, String> {
     let mut robot = urdf_rs::read_from_string(text).map_err(|error| format!("is no URDF: {error}"))?;
     let mut remarks: Vec<String> = exact_angles(&mut robot).into_iter().collect();
@@ -80,14 +78,14 @@ pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, Str
     Ok(UrdfChain { joints, end: link, remarks })
 }
 
-/// Makes rounded right angles of joints exact, and says which.
+/// Makes rounded right angles of joints exact, and reports them.
 fn exact_angles(robot: &mut urdf_rs::Robot) -> Option<String> {
     let mut rounded = Vec::new();
     for joint in &mut robot.joints {
         let mut changed = false;
         for angle in joint.origin.rpy.0.iter_mut() {
             let exact = (*angle / FRAC_PI_2).round() * FRAC_PI_2;
-            // exact to the digits of a number is exact
+            // exact to floating-point precision
             changed |= (*angle - exact).abs() > 1e-12 && (*angle - exact).abs() < ROUNDED_ANGLE;
             if (*angle - exact).abs() < ROUNDED_ANGLE {
                 *angle = exact;
@@ -141,7 +139,7 @@ impl Tree {
         self.robot.joints.iter().filter(move |joint| joint.parent.link == link)
     }
 
-    /// The tip as asked for; else the only leaf, or the child of the last moving joint.
+    /// The requested tip; otherwise the only leaf, or the child of the last moving joint.
     fn tip(&self, asked: Option<&str>) -> Result<String, String> {
         if let Some(tip) = asked {
             return match self.robot.links.iter().any(|link| link.name == tip) {
@@ -183,7 +181,7 @@ impl Tree {
         let mut path = Vec::new();
         let mut at = link;
         while at != self.root {
-            // Every link but the root hangs on a joint; a ring of links would never end.
+            // Every link except the root has a parent joint; a ring of links would never end.
             let joint = self.robot.joints.iter().find(|joint| joint.child.link == at);
             let joint = joint.filter(|_| path.len() < self.robot.joints.len());
             let joint =
@@ -195,8 +193,8 @@ impl Tree {
         Ok(path)
     }
 
-    /// Body of the link at the pose `place` with all that hangs on it off the chain; `None` without mass, and where an
-    /// inertial tag cannot be right, since the rest of the body is then not known either.
+    /// Body of the link at the pose `place` with all attached links off the chain; `None` without mass, and if an
+    /// inertial tag is invalid, since the rest of the body is then unknown too.
     fn body(
         &self,
         link: &str,
@@ -235,12 +233,12 @@ impl Tree {
     /// Inertial tag of a link about the link's frame; `None` without mass.
     ///
     /// # Errors
-    /// Why no body is like that.
+    /// Why no body has these values.
     fn own_body(&self, name: &str) -> Result<Option<StandardParameters>, String> {
         let Some(link) = self.robot.links.iter().find(|link| link.name == name) else { return Ok(None) };
         let (mass, i) = (link.inertial.mass.value, &link.inertial.inertia);
         let inertia = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
-        // frames of tools and cameras carry made-up inertia at times
+        // frames of tools and cameras sometimes have invented inertia
         if mass == 0.0 {
             return Ok(None);
         }
@@ -257,7 +255,7 @@ fn pose(origin: &urdf_rs::Pose) -> Transform {
     Transform::from_xyz_rpy(origin.xyz.0, origin.rpy.0)
 }
 
-/// How a joint moves; `None` for a fixed one.
+/// Type of a joint; `None` for a fixed one.
 fn moving_kind(joint: &urdf_rs::Joint) -> Result<Option<JointKind>, String> {
     use urdf_rs::JointType;
     if joint.mimic.is_some() {

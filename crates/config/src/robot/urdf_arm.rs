@@ -1,4 +1,4 @@
-//! An arm whose geometry is a URDF file: what the description adds, by the names of joints.
+//! An arm whose geometry is a URDF file, with additions of the description by the names of joints.
 
 use std::path::Path;
 
@@ -13,12 +13,12 @@ use crate::toml::quantity::{ACCELERATION, JERK, POSITION, VELOCITY, quantity};
 use crate::toml::table::{Table, Value};
 use armwatch_model::robot::{FrictionModel, Joint, JointLimits, MAX_JOINTS, NominalJoint, WarmUpShape};
 
-/// Time in which a joint reaches its largest speed where no acceleration is given, s: URDF files
-/// before version 1.2 have none, and arms of this size take about that.
+/// Time from rest to a joint's largest speed if no acceleration is given, s: URDF files before version 1.2 have none,
+/// and arms of this size take about that.
 const SECONDS_TO_FULL_SPEED: f64 = 0.5;
 
-/// Reads the chain of the URDF file that the key `urdf` names, relative to the description's folder,
-/// and what `[[joint]]` adds to its joints.
+/// Reads the chain of the URDF file in the key `urdf`, relative to the description's folder, and the additions of
+/// `[[joint]]` to its joints.
 pub(crate) fn read_chain(
     root: &Table<'_>,
     folder: &Path,
@@ -149,7 +149,7 @@ fn read_joint(
     })
 }
 
-/// Limits of the URDF file, each of which the description may replace.
+/// Limits of the URDF file; the description may override each.
 fn read_limits(table: &Table<'_>, urdf: &UrdfJoint) -> Option<JointLimits> {
     let min = quantity(table, "position_min", urdf.kind, &POSITION).optional();
     let max = quantity(table, "position_max", urdf.kind, &POSITION).optional();

@@ -17,7 +17,7 @@ const MAX_BYTES: u64 = 1 << 20;
 ///
 /// # Errors
 ///
-/// One problem that says why the file cannot be read.
+/// One problem with the reason why the file cannot be read.
 pub(crate) fn read_text(path: &Path) -> Result<String, ConfigErrors> {
     let name = path.display().to_string();
     let refuse = |problem: String| ConfigErrors::of_file(&name, problem, None);

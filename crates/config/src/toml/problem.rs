@@ -1,4 +1,4 @@
-//! What is wrong with a configuration, said so that a person can mend it.
+//! Problems of a configuration, in words that help to correct them.
 
 use std::fmt;
 
@@ -7,20 +7,19 @@ use serde::Serialize;
 /// One mistake in a configuration file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ConfigProblem {
-    /// The file as it was named to the reader.
+    /// The file with the name given to the reader.
     pub file: String,
-    /// Line, from 1; `None` where the file as a whole is meant.
+    /// Line, from 1; `None` for a problem of the whole file.
     pub line: Option<usize>,
     /// Column in characters, from 1.
     pub column: Option<usize>,
-    /// Dotted key; entries of lists are counted from 1, as in `joint[2].alpha_deg`. Empty for
-    /// mistakes of syntax.
+    /// Dotted key; entries of lists have numbers from 1, as in `joint[2].alpha_deg`. Empty for mistakes of syntax.
     pub key: String,
-    /// The value as it stands in the file, shortened; `None` where there is none.
+    /// The value in the file, shortened; `None` if there is none.
     pub value: Option<String>,
-    /// What is wrong, with unit and permitted range where there is one.
+    /// The fault, with unit and permitted range if there is one.
     pub problem: String,
-    /// What to do about it, where that is known.
+    /// The remedy, if known.
     pub hint: Option<String>,
 }
 
@@ -47,7 +46,7 @@ impl fmt::Display for ConfigProblem {
     }
 }
 
-/// Every mistake found, file by file in the order of their lines. Shown one a line.
+/// Every mistake found, file by file in the order of their lines. Displayed one per line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct ConfigErrors(pub Vec<ConfigProblem>);
 
@@ -64,7 +63,7 @@ impl fmt::Display for ConfigErrors {
 }
 
 impl ConfigErrors {
-    /// A single problem of a whole file, such as that it cannot be read.
+    /// A single problem of a whole file, such as a failed read.
     #[must_use]
     pub fn of_file(file: &str, problem: String, hint: Option<String>) -> Self {
         Self(vec![ConfigProblem {

@@ -1,5 +1,5 @@
-//! Quantities that a file may give in one of several units, the unit being the end of the key:
-//! `alpha_deg` or `alpha_rad`. Exactly one of them is given.
+//! Quantities that a file may give in one of several units, with the unit at the end of the key: `alpha_deg` or
+//! `alpha_rad`. Exactly one of them is given.
 
 use std::f64::consts::PI;
 
@@ -7,7 +7,7 @@ use super::range::Limits;
 use super::table::{Table, Value};
 use armwatch_model::robot::JointKind;
 
-/// A unit and what is permitted in it.
+/// A unit and its permitted range.
 pub(crate) struct KeyUnit {
     /// End of the key.
     suffix: &'static str,
@@ -15,7 +15,7 @@ pub(crate) struct KeyUnit {
     limits: Limits,
 }
 
-/// The units of a quantity, for joints that turn and for joints that slide.
+/// The units of a quantity, for revolute and for prismatic joints.
 pub(crate) struct KeyUnits {
     revolute: [KeyUnit; 2],
     prismatic: [KeyUnit; 1],
@@ -78,19 +78,19 @@ pub(crate) const JERK: KeyUnits = KeyUnits {
     prismatic: [KeyUnit { suffix: "m_s3", to_si: 1.0, limits: Limits::above(0.0, 1e5, "m/s^3") }],
 };
 
-/// A value with the unit it was given in.
+/// A value with its unit in the file.
 pub(crate) struct Given<'d> {
     /// In SI: rad, m, s.
     pub si: f64,
-    /// As it stands in the file.
+    /// Its number in the file.
     pub raw: f64,
-    /// End of the key it was given under, such as `deg`.
+    /// End of its key, such as `deg`.
     pub unit: &'static str,
-    /// Where it stands.
+    /// Its position in the file.
     pub value: Value<'d>,
 }
 
-/// The quantity whose keys begin with `stem`, of a joint that turns or slides.
+/// The quantity whose keys begin with `stem`, of a revolute or prismatic joint.
 pub(crate) fn quantity<'t, 'd>(
     table: &'t Table<'d>,
     stem: &str,
@@ -118,7 +118,7 @@ impl<'d> QuantityKey<'_, 'd> {
         self.in_unit(i, value)
     }
 
-    /// The value, if given; the inner `None` is a wrong one.
+    /// The value, if given; the inner `None` is an invalid one.
     pub fn optional(&self) -> Option<Option<Given<'d>>> {
         let (i, value) = self.table.at_most_one_of(&self.keys())?;
         Some(self.in_unit(i, value))
@@ -130,7 +130,7 @@ impl<'d> QuantityKey<'_, 'd> {
         Some(Given { si: raw * unit.to_si, raw, unit: unit.suffix, value })
     }
 
-    /// Where a number makes no sense in its own unit but does in another, that one may be meant.
+    /// Another unit that was probably meant, if a number is invalid in its own unit but valid in that one.
     fn other_unit(&self, i: usize, raw: f64) -> Option<String> {
         let (key, _) = self
             .keys

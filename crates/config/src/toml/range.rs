@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A range that a number must lie in. Its text completes "must be ...".
+/// A range of valid numbers. Its text completes "must be ...".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Limits {
     min: f64,
@@ -17,7 +17,7 @@ impl Limits {
         Self { min, max, min_excluded: false, unit }
     }
 
-    /// Above `min`, which is not permitted itself, up to `max`.
+    /// Above `min`, which is itself invalid, up to `max`.
     pub const fn above(min: f64, max: f64, unit: &'static str) -> Self {
         Self { min, max, min_excluded: true, unit }
     }
@@ -27,7 +27,7 @@ impl Limits {
         Self::between(-max, max, unit)
     }
 
-    /// Whether `value` is a finite number in the range.
+    /// Returns true if `value` is a finite number in the range.
     pub fn admit(&self, value: f64) -> bool {
         let above_min = if self.min_excluded { value > self.min } else { value >= self.min };
         above_min && value <= self.max && value.is_finite()

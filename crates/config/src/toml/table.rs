@@ -1,8 +1,7 @@
-//! Typed reading of TOML that remembers where everything stood and goes on after a mistake.
+//! Typed reading of TOML that remembers the position of every value and continues after a mistake.
 //!
-//! A getter returns `None` once it has noted a problem, or refuses the key as missing; callers
-//! therefore ask for everything first and only then give up. What a table holds beyond what was
-//! asked of it is an unknown key.
+//! A getter returns `None` after noting a problem, or notes a missing key; callers therefore read all keys first and
+//! only then give up. Keys of a table that were never read are unknown keys.
 
 use std::cell::RefCell;
 use std::ops::{Range, RangeInclusive};
@@ -18,12 +17,11 @@ use super::suggestion;
 /// stays one readable line.
 const SHOWN_CHARACTERS: usize = 60;
 
-/// Reads the document `text` with `read`, which sees the root table. The file's name is only used
-/// to say where problems are.
+/// Reads the document `text` with `read`, which gets the root table. The file's name is only used in problems.
 ///
 /// # Errors
 ///
-/// Every mistake of syntax, or else every mistake that `read` ran into.
+/// Every mistake of syntax, or otherwise every mistake that `read` found.
 pub(crate) fn read_document<T>(
     file: &str,
     text: &str,
@@ -40,7 +38,7 @@ pub(crate) fn read_document<T>(
     for error in &syntax {
         source.note_syntax(error);
     }
-    // A document with broken syntax would yield mistakes that nobody made.
+    // A document with broken syntax would give misleading further mistakes.
     if !syntax.is_empty() {
         return Err(source.into_errors());
     }
@@ -51,14 +49,14 @@ pub(crate) fn read_document<T>(
     }
 }
 
-/// A document being read and what was found wrong so far.
+/// A document being read, with the problems found so far.
 struct Document<'t> {
     file: &'t str,
     text: &'t str,
     problems: RefCell<Vec<ConfigProblem>>,
     /// Problems of other files that this one refers to.
     adopted: RefCell<Vec<ConfigProblem>>,
-    /// Stands in for tables that are not there.
+    /// Replaces missing tables.
     nothing: DeTable<'t>,
 }
 
@@ -86,7 +84,7 @@ impl Document<'_> {
     fn note_syntax(&self, error: &toml::de::Error) {
         let at = error.span().unwrap_or(0..0);
         let (line, _) = self.position(at.start);
-        // One slip often breaks what follows on its line too; the first message is the true one.
+        // One mistake often breaks the rest of its line too; only the first message is right.
         if self.problems.borrow().iter().any(|p| p.line == Some(line)) {
             return;
         }
@@ -102,7 +100,7 @@ impl Document<'_> {
         (line, column)
     }
 
-    /// What stands in the file at `at`, on one line and cut to a readable length.
+    /// The text of the file at `at`, on one line and cut to a readable length.
     fn excerpt(&self, at: &Range<usize>) -> Option<String> {
         let words = self.text.get(at.clone())?.split_whitespace().collect::<Vec<_>>().join(" ");
         let mut shown: String = words.chars().take(SHOWN_CHARACTERS).collect();
@@ -117,7 +115,7 @@ impl Document<'_> {
         problems.sort_by_key(|p| (p.line, p.column));
         problems.extend(self.adopted.into_inner());
         if problems.is_empty() {
-            // Only a reader that gives up without a word leads here; say what is known.
+            // Only a reader that fails without noting a problem leads here; report the known facts.
             return ConfigErrors::of_file(self.file, "could not be understood".into(), None);
         }
         ConfigErrors(problems)
@@ -131,7 +129,7 @@ pub(crate) struct Table<'d> {
     at: Range<usize>,
     entries: &'d DeTable<'d>,
     asked: RefCell<Vec<String>>,
-    /// Required keys that are not there, with the hint to give.
+    /// Missing required keys, with their hints.
     missing: RefCell<Vec<(String, Option<String>)>>,
 }
 
@@ -140,12 +138,12 @@ impl<'d> Table<'d> {
         Self { source, path, at, entries, asked: RefCell::default(), missing: RefCell::default() }
     }
 
-    /// A table without entries in place of one that is not there; problems are those of `parent`.
+    /// An empty table instead of a missing one; problems are those of `parent`.
     pub fn empty(parent: &Table<'d>) -> Self {
         Table::new(parent.source, parent.path.clone(), parent.at.clone(), &parent.source.nothing)
     }
 
-    /// The value of `key`, where given.
+    /// The value of `key`, if given.
     pub fn optional(&self, key: &str) -> Option<Value<'d>> {
         self.asked.borrow_mut().push(key.to_owned());
         let node = self.entries.get(key)?;
@@ -157,7 +155,7 @@ impl<'d> Table<'d> {
         self.required_or_else(key, || None)
     }
 
-    /// The value of `key`, which must be given; `hint` helps where it is not.
+    /// The value of `key`, which must be given; `hint` is shown if it is missing.
     pub fn required_or_else(&self, key: &str, hint: impl FnOnce() -> Option<String>) -> Option<Value<'d>> {
         let value = self.optional(key);
         if value.is_none() {
@@ -186,7 +184,7 @@ impl<'d> Table<'d> {
         self.optional(key).map_or(Some(default), |value| value.text())
     }
 
-    /// Required array of numbers, of a given length where one is known.
+    /// Required array of numbers, of a given length if known.
     pub fn numbers(&self, key: &str, length: Option<usize>, limits: &Limits) -> Option<Vec<f64>> {
         self.required(key)?.numbers(length, limits)
     }
@@ -201,7 +199,7 @@ impl<'d> Table<'d> {
         choice
     }
 
-    /// Like [`Self::one_of`], but none is fine too.
+    /// Like [`Self::one_of`], but all keys may be missing.
     pub fn at_most_one_of(&self, keys: &[&str]) -> Option<(usize, Value<'d>)> {
         let mut given: Vec<_> =
             keys.iter().enumerate().filter_map(|(i, key)| Some((i, self.optional(key)?))).collect();
@@ -218,12 +216,12 @@ impl<'d> Table<'d> {
         given.pop()
     }
 
-    /// The table under `key`, where given.
+    /// The table under `key`, if given.
     pub fn table(&self, key: &str) -> Option<Table<'d>> {
         self.optional(key)?.table()
     }
 
-    /// Lets every key stand, whether or not it is asked for.
+    /// Accepts every key of the table, even if it is never read.
     pub fn pass_over(&self) {
         self.asked.borrow_mut().extend(self.entries.iter().map(|(key, _)| key.get_ref().to_string()));
     }
@@ -233,7 +231,7 @@ impl<'d> Table<'d> {
         self.source.note(&self.at, &self.path, None, problem, hint);
     }
 
-    /// Takes over what is wrong with a file that this one refers to.
+    /// Adds the problems of a file that this one refers to.
     pub fn adopt(&self, errors: ConfigErrors) {
         self.source.adopted.borrow_mut().extend(errors.0);
     }
@@ -242,7 +240,7 @@ impl<'d> Table<'d> {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 
-    /// Notes the keys nobody asked for; returns what they probably meant.
+    /// Notes the keys that were never read; returns the keys that were probably meant.
     fn refuse_unknown(&self) -> Vec<String> {
         let asked = self.asked.borrow();
         let mut meant = Vec::new();
@@ -269,8 +267,7 @@ impl<'d> Table<'d> {
     }
 }
 
-/// Leaving a table is the moment when all known keys have been asked for. Done here so that no
-/// table can forget it.
+/// All known keys have been read when a table is dropped. Checking here means that no table can omit the check.
 impl Drop for Table<'_> {
     fn drop(&mut self) {
         let meant = self.refuse_unknown();
@@ -291,17 +288,17 @@ pub(crate) struct Value<'d> {
 }
 
 impl<'d> Value<'d> {
-    /// Whether this is an array.
+    /// Returns true if this is an array.
     pub fn is_array(&self) -> bool {
         matches!(self.node.get_ref(), DeValue::Array(_))
     }
 
-    /// Whether this is a whole number.
+    /// Returns true if this is a whole number.
     pub fn is_integer(&self) -> bool {
         matches!(self.node.get_ref(), DeValue::Integer(_))
     }
 
-    /// The text, if it is one; anything else is no problem yet.
+    /// The text, if it is one; anything else is not noted as a problem.
     pub fn peek_text(&self) -> Option<&'d str> {
         match self.node.get_ref() {
             DeValue::String(text) => Some(text),
@@ -332,7 +329,7 @@ impl<'d> Value<'d> {
         self.number_or_hint(limits, |_| None)
     }
 
-    /// A number within `limits`; one outside is refused with the hint for it.
+    /// A number within `limits`; one outside is refused with its hint.
     pub fn number_or_hint(&self, limits: &Limits, hint: impl FnOnce(f64) -> Option<String>) -> Option<f64> {
         let value: f64 = match self.node.get_ref() {
             DeValue::Float(number) => number.as_str().parse().ok(),
@@ -390,7 +387,7 @@ impl<'d> Value<'d> {
         self.items()
     }
 
-    /// An array of numbers, of a given length where one is known.
+    /// An array of numbers, of a given length if known.
     pub fn numbers(&self, length: Option<usize>, limits: &Limits) -> Option<Vec<f64>> {
         let items = self.items()?;
         let numbers: Vec<_> = items.iter().map(|item| item.number(limits)).collect();
@@ -430,7 +427,7 @@ impl<'d> Value<'d> {
         items.iter().enumerate().map(item).collect()
     }
 
-    /// Whether this is written as `[[key]]`; the file then holds no value that could be shown.
+    /// Returns true if this is written as `[[key]]`; the file then has no value to show.
     fn is_list_of_sections(&self) -> bool {
         match self.node.get_ref() {
             DeValue::Array(items) => items.first().is_some_and(|item| {

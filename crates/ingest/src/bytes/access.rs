@@ -1,7 +1,7 @@
 //! Conditions under which a thread opens files, and its calls that the file system has not answered.
 //!
-//! A call to a dead file server does not return. The thread that made it cannot report this, so each call of this package is
-//! noted by [`asking`], and others can see how long it has lasted.
+//! A call to a dead file server does not return, and the thread that made it cannot report this. So [`asking`] notes
+//! each call of this package, and other threads see how long it has lasted.
 
 use std::cell::RefCell;
 use std::fs::{File, Metadata};
@@ -14,7 +14,7 @@ use std::time::Instant;
 use super::fingerprint::id_of;
 use crate::rejection::Unreadable;
 
-/// Under which conditions files are opened, and the calls of the threads that work under them. Clones share the calls.
+/// Conditions under which files are opened, and the calls of the threads that work under them. Clones share the calls.
 #[derive(Debug, Clone, Default)]
 pub struct FileAccess {
     within: Option<Arc<[PathBuf]>>,
@@ -26,7 +26,7 @@ thread_local! {
 }
 
 impl FileAccess {
-    /// Access that refuses a file whose path begins with one of `folders` and that lies elsewhere, by a link.
+    /// Access that refuses a file whose path begins with one of `folders` and that is elsewhere because of a link.
     #[must_use]
     pub fn within(folders: impl IntoIterator<Item = PathBuf>) -> Self {
         Self { within: Some(folders.into_iter().collect()), ..Self::default() }
@@ -38,13 +38,13 @@ impl FileAccess {
         Self { within: self.within.clone(), ..Self::default() }
     }
 
-    /// Does `work` on this thread under these conditions.
+    /// Runs `work` on this thread under these conditions.
     pub fn during<T>(&self, work: impl FnOnce() -> T) -> T {
         let _restored = AccessGuard(CURRENT.replace(self.clone()));
         work()
     }
 
-    /// Since when the oldest call that has not returned lasts.
+    /// Start of the oldest call that has not returned.
     #[must_use]
     pub fn asks_since(&self) -> Option<Instant> {
         let calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner);
@@ -52,7 +52,7 @@ impl FileAccess {
     }
 }
 
-/// Puts the access of a thread back, also after a panic.
+/// Restores the access of a thread, also after a panic.
 struct AccessGuard(FileAccess);
 
 impl Drop for AccessGuard {
@@ -75,7 +75,7 @@ impl Drop for Call {
     }
 }
 
-/// Makes a call to the file system, which possibly never returns.
+/// Makes a call to the file system, which may never return.
 pub fn asking<T>(call: impl FnOnce() -> T) -> T {
     let access = CURRENT.with_borrow(Clone::clone);
     access
@@ -87,7 +87,7 @@ pub fn asking<T>(call: impl FnOnce() -> T) -> T {
     call()
 }
 
-/// As [`std::fs::metadata`].
+/// Like [`std::fs::metadata`].
 ///
 /// # Errors
 /// Those of the file system.
@@ -105,8 +105,8 @@ impl<R: Read> Read for GuardedFile<R> {
     }
 }
 
-/// Refuses an open file whose path is in a folder of the current access although the file is not. The open file is checked,
-/// because its path may have become a link since.
+/// Refuses an open file whose path is in a folder of the current access although the file is not. It checks the open
+/// file, because its path may have become a link in the meantime.
 pub(crate) fn refuse_outside(file: &File, path: &Path) -> io::Result<()> {
     let Some(within) = CURRENT.with_borrow(|access| access.within.clone()) else { return Ok(()) };
     let path = std::path::absolute(path)?;
@@ -176,7 +176,7 @@ mod tests {
             assert!(error.to_string().contains("leads out of the watched folder"), "{name}: {error}");
             assert!(regular_file(&path(name)).is_ok(), "{name}, which a person named");
         }
-        // the folder becomes a link after the look that found its file
+        // the folder becomes a link after the scan that found its file
         std::fs::rename(path("real/sub"), path("real/before")).unwrap();
         symlink(path("secret"), path("real/sub")).unwrap();
         assert!(!opens("inbox/sub/a.csv"));

@@ -1,5 +1,5 @@
-//! MCAP bags as the text of a CSV file, so that the same reader checks the rows of both: one row per message of the type
-//! `sensor_msgs/JointState`.
+//! MCAP bags as the text of a CSV file, so that the same reader checks the rows of both: one row per message of the
+//! type `sensor_msgs/JointState`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};
@@ -25,7 +25,7 @@ const MOST_RECORD_BYTES: usize = 32 << 20;
 /// Bytes that are read at once.
 const READ_BYTES: usize = 1 << 20;
 
-/// Takes the place of rows that a damaged bag has lost. The reader leaves out such a line without end, and remarks on it.
+/// Replaces rows that a damaged bag has lost. The reader omits such a line without end, and adds a remark.
 const LOST: &[u8] = b"(the bag is damaged here)";
 
 /// Most topics that a message names.
@@ -113,7 +113,7 @@ impl<R: Read> BagText<R> {
         Ok(())
     }
 
-    /// Reads the rest of the file for its hash: the end of a bag says nothing of joints.
+    /// Reads the rest of the file for its hash: the end of a bag contains no joints.
     fn end(&mut self) -> io::Result<()> {
         self.ended = true;
         io::copy(&mut self.file, &mut io::sink())?;
@@ -145,7 +145,7 @@ impl<R: Read> BagText<R> {
         }
     }
 
-    /// Adds a row. A message that lacks a joint or a quantity is of another part of the robot, such as a gripper.
+    /// Adds a row. A message that lacks a joint or a quantity belongs to another part of the robot, such as a gripper.
     fn add(&mut self, channel: u16, log_time: u64, state: &JointStateMessage<'_>) {
         let has =
             state.values.each_ref().map(|values| !values.is_empty() && values.len() == state.names.len());

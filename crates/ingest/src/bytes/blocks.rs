@@ -1,4 +1,4 @@
-//! An export cut into blocks of whole lines, with the line numbers that messages need.
+//! Cuts an export into blocks of whole lines, with the line numbers for messages.
 
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
@@ -7,32 +7,32 @@ use super::encoding::{Found, TextReader, Wide, narrow_encoding, wide_encoding, w
 use crate::rejection::Rejection;
 use armwatch_config::TextEncoding;
 
-/// Bytes read before a block is cut: so few that text and columns stay near a core and allocators keep their memory for the
-/// next block. A quarter to twice as many take the same time.
+/// Bytes read before a block is cut: few enough to keep text and columns in a core's cache and to let allocators reuse
+/// the memory. A quarter to twice as many take the same time.
 pub const BLOCK_BYTES: usize = 1 << 19;
 
-/// Largest block: a setting beyond would only ask for memory that no export fills usefully.
+/// Largest block: a larger setting would only reserve memory that no export needs.
 const MAX_BLOCK_BYTES: usize = 256 << 20;
 
-/// Most NUL bytes at the end of a file that are passed over: loggers do not allocate more beforehand.
+/// Most NUL bytes at the end of a file that are skipped: loggers do not preallocate more.
 const MOST_TRAILING_NULS: u64 = 64 << 20;
 
-/// Longest line. A row of a nine-axis arm with two hundred further columns has some five
-/// kilobytes; a file without line ends must not grow the buffer without bound.
+/// Longest line. A row of a nine-axis arm with two hundred further columns has some five kilobytes; a file without line
+/// ends must not let the buffer grow without bound.
 const MAX_LINE_BYTES: usize = 1 << 20;
 
 /// Consecutive whole lines, without the header. The last one is not blank.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Block {
-    /// The lines; each ends with a line feed, also where the file's last one does not.
+    /// The lines; each ends with a line feed, even if the file's last one does not.
     pub bytes: Vec<u8>,
     /// Number of the first line in the decompressed file, from 1.
     pub first_line: u64,
     /// Offset of the first line in the decompressed file, bytes from 0.
     pub first_byte: u64,
-    /// How the file writes these characters.
+    /// Encoding of these characters in the file.
     pub encoding: Found,
-    /// The file ends without a line end behind the last line, so that line may be cut.
+    /// True if the file ends without a line end after the last line, so that line may be cut.
     pub unterminated: bool,
 }
 
@@ -46,53 +46,53 @@ pub struct Line {
     raw: Vec<u8>,
 }
 
-/// What a stream gives next.
+/// Next item of a stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
     /// Whole lines.
     Block(Block),
-    /// No whole line now; the file may still grow.
+    /// No whole line yet; the file may still grow.
     Later,
-    /// Nothing more.
+    /// The end.
     End,
 }
 
-/// How far lines were passed over.
+/// Progress of skipping lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Passed {
-    /// More is to be passed.
+    /// There is more to skip.
     Going,
-    /// To the place.
+    /// The position is reached.
     There,
-    /// The stream does not have this place.
+    /// The stream does not have this position.
     Elsewhere,
 }
 
-/// Cuts a stream into blocks. A reader that says [`std::io::ErrorKind::WouldBlock`] is at the end of a
-/// file that may still grow: whole lines are handed on at once, and the rest waits for its line end.
+/// Cuts a stream into blocks. If the reader returns [`std::io::ErrorKind::WouldBlock`], it is at the end of a file that
+/// may still grow: whole lines are passed on at once, and the rest waits for its line end.
 #[derive(Debug)]
 pub struct Blocks<R> {
     reader: TextReader<R>,
     block_bytes: usize,
-    /// Read and not yet handed on.
+    /// Bytes read and not yet passed on.
     pending: Vec<u8>,
-    /// Memory of a block that was handed on and given back.
+    /// Memory of a block that was returned for reuse.
     spare: Vec<u8>,
     /// Line number of the first byte in `pending`.
     line: u64,
     /// Offset of that byte in the decompressed file, without a byte order mark.
     byte: u64,
-    /// Why reading ended, once whole lines are handed on.
+    /// Why reading ended; reported after the whole lines.
     fault: Option<Rejection>,
     at_end: bool,
-    /// The reader had nothing more when it was last asked, and was not at its end.
+    /// True if the reader had no more bytes at the last read, but was not at its end.
     paused: bool,
-    /// NUL bytes behind `pending`, of which it is not known yet whether anything follows.
+    /// Number of NUL bytes after `pending`; other bytes may follow.
     nuls: u64,
 }
 
 impl<R: Read> Blocks<R> {
-    /// Blocks of about `block_bytes`, at least one line each and 256 MiB at most.
+    /// Creates blocks of about `block_bytes`, at least one line each and 256 MiB at most.
     #[must_use]
     pub fn new(reader: R, block_bytes: usize, encoding: TextEncoding) -> Self {
         Self {
@@ -109,18 +109,19 @@ impl<R: Read> Blocks<R> {
         }
     }
 
-    /// At the end: NUL bytes behind the last line, and the line in which they begin; `None` where there are none.
+    /// At the end: number of NUL bytes after the last line, and the line with the first of them; `None` if there are
+    /// none.
     #[must_use]
     pub fn trailing_nuls(&self) -> Option<(u64, u64)> {
         (self.nuls > 0).then_some((self.nuls, self.line))
     }
 
-    /// Takes the next line; `None` as long as it has no end and the file may still grow, and at the end of
-    /// the file. To be called before [`Blocks::next_block`].
+    /// Takes the next line; `None` as long as it has no end and the file may still grow, and at the end of the file.
+    /// Must be called before [`Blocks::next_block`].
     ///
     /// # Errors
-    /// A rejection for an encoding that is not read, NUL bytes, lines that end with carriage returns alone, a
-    /// line that does not end, or a failed read.
+    /// A rejection for an unsupported encoding, NUL bytes, lines that end with carriage returns alone, a line that does
+    /// not end, or a failed read.
     pub fn next_line(&mut self, path: &Path) -> Result<Option<Line>, Rejection> {
         let Some(end) = self.line_end(path)? else { return Ok(None) };
         let raw: Vec<u8> = self.pending.drain(..end).collect();
@@ -130,18 +131,18 @@ impl<R: Read> Blocks<R> {
         Ok(Some(Line { text, number, raw }))
     }
 
-    /// Puts back the line that was taken last, where it is a row.
+    /// Puts back the line that was taken last, if it is a row.
     pub fn put_back(&mut self, line: Line) {
         self.line = line.number;
         self.byte -= self.reader.found().bytes_in_file(&line.raw);
         self.pending.splice(0..0, line.raw);
     }
 
-    /// Passes over lines, a block at most, on the way to line `line`, which begins at byte `byte` of the
-    /// decompressed file. Nothing is asked of their cells.
+    /// Skips lines, a block at most, on the way to line `line`, which begins at byte `byte` of the decompressed file.
+    /// Does not check their cells.
     ///
     /// # Errors
-    /// As [`Blocks::next_block`].
+    /// Those of [`Blocks::next_block`].
     pub fn pass_to(&mut self, line: u64, byte: u64, path: &Path) -> Result<Passed, Rejection> {
         if self.line >= line {
             let here = self.byte + self.reader.mark_bytes();
@@ -167,7 +168,7 @@ impl<R: Read> Blocks<R> {
         Ok(Passed::Going)
     }
 
-    /// Where a line begins that is later than the first and begins in `pending`.
+    /// Start of a line after the first that begins in `pending`.
     fn start_of(&self, line: u64) -> usize {
         let ends = self.pending.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
         ends.map(|(at, _)| at + 1)
@@ -176,25 +177,25 @@ impl<R: Read> Blocks<R> {
             .map_or(0, |(at, _)| at)
     }
 
-    /// Whether nothing is left.
+    /// Returns true if nothing is left.
     #[must_use]
     pub fn is_at_end(&self) -> bool {
         self.at_end && self.pending.is_empty()
     }
 
-    /// What the text turned out to be.
+    /// The detected encoding of the text.
     #[must_use]
     pub fn encoding(&self) -> Found {
         self.reader.found()
     }
 
-    /// Counts the lines of `bytes`, which are handed on.
+    /// Counts the lines of `bytes`, which are passed on.
     fn pass(&mut self, bytes: &[u8]) {
         self.line += line_count(bytes);
         self.byte += self.reader.found().bytes_in_file(bytes);
     }
 
-    /// The next block. Blank lines at the end of the file are left out.
+    /// The next block. Blank lines at the end of the file are omitted.
     ///
     /// # Errors
     /// A rejection for a line that does not end, or a failed read.
@@ -229,18 +230,18 @@ impl<R: Read> Blocks<R> {
         }
     }
 
-    /// Takes the memory of a block that is not needed any more for one of the next.
+    /// Takes the memory of an unneeded block for one of the next.
     pub fn give_back(&mut self, mut bytes: Vec<u8>) {
         bytes.clear();
         self.spare = bytes;
     }
 
-    /// Takes NUL bytes off the end of what was read: at the end of a file, they are a part of the disk that was never
-    /// written. `known` bytes were read before the last look; with more than NUL bytes behind them, those that were taken off
-    /// come back.
+    /// Removes NUL bytes from the end of the bytes read so far: at the end of a file, they are a part of the disk that
+    /// was never written. `known` bytes were read before the last call; if other bytes follow, the removed ones are
+    /// restored.
     ///
     /// # Errors
-    /// A rejection of more than a line of NUL bytes before something else.
+    /// A rejection of more than a line of NUL bytes before other bytes.
     fn set_nuls_aside(&mut self, known: usize, path: &Path) -> Result<(), Rejection> {
         let kept = self.pending.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
         if self.nuls > 0 && kept > known {
@@ -264,7 +265,7 @@ impl<R: Read> Blocks<R> {
         if bytes.iter().all(|byte| is_blank(*byte) || *byte == b'\n') {
             return None;
         }
-        // A carriage return is half of a line end, and says that the line is whole.
+        // A carriage return is half of a line end, and shows that the line is whole.
         let unterminated = bytes.last() != Some(&b'\r');
         bytes.push(b'\n');
         Some(self.block_here(bytes, unterminated))
@@ -275,8 +276,7 @@ impl<R: Read> Blocks<R> {
         Block { bytes, first_line: self.line, first_byte, encoding: self.reader.found(), unterminated }
     }
 
-    /// Length of the first line with its end; `None` at the end of the file and where it may still
-    /// grow.
+    /// Length of the first line with its end; `None` at the end of the file and if it may still grow.
     fn line_end(&mut self, path: &Path) -> Result<Option<usize>, Rejection> {
         loop {
             if let Some(at) = self.pending.iter().position(|byte| *byte == b'\n') {
@@ -296,8 +296,7 @@ impl<R: Read> Blocks<R> {
         }
     }
 
-    /// Bytes to look at next where no line ended: at least twice as many, so that a long line is not
-    /// searched over and over.
+    /// Bytes to examine next if no line ended: at least twice as many, so that a long line is not searched repeatedly.
     fn longer(&self) -> usize {
         self.pending.len() + self.block_bytes.max(self.pending.len())
     }
@@ -312,9 +311,9 @@ impl<R: Read> Blocks<R> {
         self.paused = matches!(&read, Err(error) if error.kind() == ErrorKind::WouldBlock);
         match read {
             Ok(count) => self.at_end = count < missing,
-            // what was read before the pause is in `pending` all the same
+            // bytes read before the pause are in `pending` nevertheless
             Err(_) if self.paused => {}
-            // whole lines before it come first, so that what is given does not depend on blocks
+            // whole lines before it come first, so that the result does not depend on blocks
             Err(error) => {
                 let lines = line_count(&self.pending);
                 self.fault = Some(Rejection::from_io(path, &error).at_line(self.line + lines));
@@ -344,7 +343,7 @@ impl<R: Read> Blocks<R> {
     }
 }
 
-/// Whether a byte is white space inside a line.
+/// Returns true if a byte is white space inside a line.
 pub(crate) fn is_blank(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b'\r')
 }
@@ -354,9 +353,9 @@ pub(crate) fn line_count(bytes: &[u8]) -> u64 {
     count(bytes, b'\n')
 }
 
-/// How often a byte occurs.
+/// Number of occurrences of a byte.
 pub(crate) fn count(bytes: &[u8], wanted: u8) -> u64 {
-    /// So few that a byte holds their count: the compiler then counts in as many lanes as a register has bytes.
+    /// Few enough for a byte to contain their count: the compiler then counts in as many lanes as a register has bytes.
     const FEW: usize = 192;
     let of_few = |few: &[u8]| few.iter().fold(0_u8, |sum, byte| sum + u8::from(*byte == wanted));
     bytes.chunks(FEW).map(|few| u64::from(of_few(few))).sum()
@@ -380,16 +379,15 @@ pub(crate) fn narrow(path: &Path, text: &[u8]) -> Rejection {
     )
 }
 
-/// End of the last line that is not blank. Blank lines stay behind until it is known whether the
-/// file goes on.
+/// End of the last line that is not blank. Blank lines wait until it is clear that the file continues.
 fn last_line_end(bytes: &[u8]) -> Option<usize> {
     let last = bytes.iter().rposition(|byte| *byte == b'\n')?;
     let content = bytes[..last].iter().rposition(|byte| !is_blank(*byte) && *byte != b'\n')?;
     bytes[content..].iter().position(|byte| *byte == b'\n').map(|at| content + at + 1)
 }
 
-/// Appends bytes until there are `wanted` more or nothing is left, in pieces of a block: a hash takes many bytes at once
-/// far faster than few. Returns how many; what was read before an error stays.
+/// Appends bytes until there are `wanted` more or none is left, in pieces of a block: a hash is far faster on many
+/// bytes at once. Returns how many; bytes read before an error stay.
 fn read_up_to(reader: &mut impl Read, wanted: usize, bytes: &mut Vec<u8>) -> io::Result<usize> {
     let before = bytes.len();
     loop {
@@ -420,7 +418,7 @@ fn line_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
     }
     let line = without_bom(line);
     let text = std::str::from_utf8(line).map_err(|_| narrow(path, line))?;
-    // Only the line end goes: where tabs separate, a tab at the end is an empty column.
+    // Removes only the line end: with tabs as separators, a tab at the end is an empty column.
     let text = text.trim_end_matches(['\r', '\n']);
     if text.contains('\r') {
         return Err(bare_returns(path));
@@ -488,7 +486,7 @@ mod tests {
         assert_eq!(read_up_to(&mut &text[..], 100, &mut found).ok(), Some(text.len()));
     }
 
-    /// Gives its parts one by one, with a pause before each and at the end of the last.
+    /// Returns its parts one by one, with a pause before each and at the end of the last.
     struct Slow(Vec<Vec<u8>>, bool);
 
     impl Read for Slow {

@@ -1,7 +1,7 @@
-//! Bytes to UTF-8 text, whatever the encoding of an export, while it is read.
+//! Converts bytes to UTF-8 text, for any encoding of an export, during reading.
 //!
-//! What comes out does not depend on the pieces in which bytes come in: a unit or character cut by the end of
-//! a file that still grows waits for its rest. Text that is UTF-8 already passes through as it is.
+//! The result does not depend on how the bytes are divided: a unit or character that the end of a growing file cuts
+//! waits for its rest. UTF-8 text passes through unchanged.
 
 use std::io::{self, Read};
 
@@ -10,16 +10,16 @@ use encoding_rs::{CoderResult, Decoder, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use crate::rejection::Unreadable;
 use armwatch_config::TextEncoding;
 
-/// First bytes that an encoding is told by; fewer only where the file has fewer.
+/// First bytes that determine the encoding; fewer only if the file has fewer.
 const HEAD_BYTES: usize = 4;
 
 /// Bytes decoded at once.
 const DECODE_BYTES: usize = 64 << 10;
 
-/// What the bytes of an export turned out to be.
+/// Detected encoding of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Found {
-    /// UTF-8, or what could not be told; passed on as it is.
+    /// UTF-8, or an unknown encoding, passed on unchanged.
     Utf8,
     /// UTF-16, low byte first.
     Utf16Le,
@@ -30,7 +30,7 @@ pub enum Found {
 }
 
 impl Found {
-    /// The encoding as a layout names it.
+    /// The encoding in the notation of layouts.
     #[must_use]
     pub fn declared(self) -> TextEncoding {
         match self {
@@ -55,20 +55,19 @@ impl Found {
     }
 }
 
-/// Gives the text of `inner` as UTF-8, without byte order mark.
+/// Returns the text of `inner` as UTF-8, without byte order mark.
 ///
-/// With [`TextEncoding::Auto`] a byte order mark decides, else zero bytes in the first characters; text that
-/// was ASCII so far and holds bytes that are no UTF-8 is Windows-1252. A byte order mark overrules what is
-/// declared. Halves of characters become U+FFFD; bytes that are no UTF-8 are passed on where the text is, for
-/// the reader of cells to name their place.
+/// With [`TextEncoding::Auto`] a byte order mark decides, otherwise zero bytes in the first characters; text that was
+/// ASCII so far and then contains invalid UTF-8 is Windows-1252. A byte order mark overrides the declared encoding.
+/// Halves of characters become U+FFFD; invalid UTF-8 is passed on, so that the reader of cells can report its place.
 pub struct TextReader<R> {
     inner: R,
     declared: TextEncoding,
     found: Found,
     state: State,
-    /// Read from `inner` and neither decoded nor given.
+    /// Bytes of `inner` that are neither decoded nor returned.
     input: Vec<u8>,
-    /// Decoded and not yet given, from `given` on.
+    /// Decoded bytes; those from `given` on are not yet returned.
     output: Vec<u8>,
     given: usize,
     mark_bytes: u64,
@@ -78,7 +77,7 @@ pub struct TextReader<R> {
 enum State {
     /// Fewer bytes than needed were seen.
     Undecided,
-    /// As it is.
+    /// Unchanged.
     Raw,
     /// UTF-8 or Windows-1252; whether a character of several bytes was seen.
     EightBit { several: bool },
@@ -108,7 +107,7 @@ impl<R> TextReader<R> {
         }
     }
 
-    /// What the text is, as far as it was read.
+    /// The detected encoding of the text read so far.
     #[must_use]
     pub fn found(&self) -> Found {
         self.found
@@ -155,7 +154,7 @@ impl<R: Read> TextReader<R> {
         Ok(count > 0)
     }
 
-    /// Gives what is held back, or reads on, until the next bytes are known to be UTF-8 or not.
+    /// Returns waiting bytes, or reads on, until it is clear that the next bytes are UTF-8 or not.
     fn read_eight_bit(&mut self, buffer: &mut [u8], several: bool) -> io::Result<usize> {
         if self.input.is_empty() {
             let count = self.inner.read(buffer)?;
@@ -175,7 +174,7 @@ impl<R: Read> TextReader<R> {
                 return Ok(count);
             }
             if broken || self.at_end {
-                // At the end, half a character: the line is cut there, and said to be.
+                // At the end, half a character: the line is cut there, which is reported.
                 let windows = broken && !several;
                 self.state = if windows { self.decoding(Found::Windows1252) } else { State::Raw };
                 return self.read(buffer);
@@ -220,14 +219,14 @@ impl<R: Read> TextReader<R> {
         self.output.clear();
         self.given = 0;
         let State::Decoding(decoder) = &mut self.state else { return };
-        // A unit of UTF-16 becomes three bytes at most, and one may be held by the decoder.
+        // A unit of UTF-16 becomes three bytes at most, and the decoder may keep one back.
         let most = decoder.max_utf8_buffer_length(self.input.len()).unwrap_or(3 * DECODE_BYTES);
         self.output.resize(most, 0);
         let (result, read, written, _) = decoder.decode_to_utf8(&self.input, &mut self.output, self.at_end);
         self.output.truncate(written);
         self.input.drain(..read);
         if result == CoderResult::InputEmpty && self.at_end {
-            // A decoder that has seen the end must not be asked again.
+            // A decoder that has reached the end must not be called again.
             self.state = State::Raw;
         }
     }
@@ -270,10 +269,10 @@ enum Told {
     Other(Found),
 }
 
-/// What the first bytes of a file and its layout say, and how many bytes the mark has.
+/// Encoding by the first bytes of a file and its layout, and length of the byte order mark.
 fn told(head: &[u8], declared: TextEncoding) -> io::Result<(Told, usize)> {
     let marked = match head {
-        // UTF-32 begins like UTF-16; it is named where the header is read.
+        // UTF-32 begins like UTF-16; the reader of the header reports it.
         [0xFF, 0xFE, 0, 0] | [0, 0, 0xFE, 0xFF] => Some((Told::Raw, 0)),
         [0xEF, 0xBB, 0xBF, ..] => Some((Told::Raw, 3)),
         [0xFF, 0xFE, ..] => Some((Told::Other(Found::Utf16Le), 2)),
@@ -302,7 +301,7 @@ fn told(head: &[u8], declared: TextEncoding) -> io::Result<(Told, usize)> {
     Ok((told, 0))
 }
 
-/// An encoding of more than one byte a unit.
+/// An encoding with several bytes per unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Wide {
     Utf16Le,
@@ -322,10 +321,10 @@ impl Wide {
     }
 }
 
-/// The encoding of two or four bytes a unit that the first bytes of a file look like.
+/// The encoding with two or four bytes per unit that the first bytes of a file look like.
 ///
-/// Knows byte order marks, and UTF-16 without one by its zero bytes: in digits and Latin letters
-/// every second byte is zero.
+/// Recognises byte order marks, and UTF-16 without one by its zero bytes: in digits and Latin letters every second byte
+/// is zero.
 pub(crate) fn wide_encoding(head: &[u8]) -> Option<Wide> {
     match head {
         [0xFF, 0xFE, 0, 0, ..] => Some(Wide::Utf32Le),
@@ -368,7 +367,7 @@ mod tests {
         bytes.into_owned()
     }
 
-    /// Gives pieces of these lengths, with a pause before each: a file that grows.
+    /// Returns pieces of these lengths, with a pause before each, like a growing file.
     struct Growing<'a>(&'a [u8], Vec<usize>, bool);
 
     impl Read for Growing<'_> {
@@ -384,7 +383,7 @@ mod tests {
         }
     }
 
-    /// All text and what it was found to be; pauses are waited for.
+    /// All text and its detected encoding; reads again after pauses.
     fn read(inner: impl Read, declared: TextEncoding, buffer: usize) -> (Vec<u8>, Found, u64) {
         let mut reader = TextReader::new(inner, declared);
         let (mut text, mut piece) = (Vec::new(), vec![0; buffer]);

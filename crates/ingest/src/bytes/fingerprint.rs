@@ -1,4 +1,4 @@
-//! Content identity: one export twice is one run, whatever its name.
+//! Content identity: the same export is one run, whatever its name.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -12,14 +12,14 @@ use super::parts;
 use super::trace::companions;
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 
-/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is, with the files that belong to it. That
-/// of several parts is the hash of their hashes.
+/// BLAKE3 hash and number of bytes of the file as it is on disk (compressed or not), including its companion files. For
+/// several parts it is the hash of their hashes.
 ///
 /// Reads in pieces; memory does not grow with the file.
 ///
 /// # Errors
-/// Whatever opening or reading gives; [`io::ErrorKind::InvalidInput`] for anything that is not a
-/// regular file, since a pipe would block for ever.
+/// Those of opening or reading; [`io::ErrorKind::InvalidInput`] for anything except a regular file, since a pipe would
+/// block for ever.
 pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
     let of_file = |file: &PathBuf| hash_up_to(file, u64::MAX);
     Ok(joined(&parts::files(path).iter().map(of_file).collect::<io::Result<Vec<_>>>()?))
@@ -28,7 +28,7 @@ pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
 fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(GuardedFile(regular_file(path)?).take(bytes))?;
-    // an export of several files is never read in part
+    // an export of several files is always read completely
     if bytes == u64::MAX {
         for companion in companions(path) {
             hasher.update_reader(GuardedFile(regular_file(&companion)?))?;
@@ -37,8 +37,8 @@ fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
     Ok(identity(&hasher))
 }
 
-/// The identity of parts that follow each other. Those without bytes count for nothing, so that a prefix of the parts has
-/// the identity that it had when it was all there was.
+/// The combined identity of consecutive parts. Parts without bytes are ignored, so that a prefix of the parts keeps the
+/// identity that it had before the others existed.
 fn joined(parts: &[(ContentHash, u64)]) -> (ContentHash, u64) {
     let mut some = parts.iter().filter(|(_, bytes)| *bytes > 0);
     let bytes = parts.iter().map(|(_, bytes)| bytes).sum();
@@ -59,7 +59,7 @@ fn joined(parts: &[(ContentHash, u64)]) -> (ContentHash, u64) {
 /// The first `bytes` bytes of a file; `None` if it has fewer.
 ///
 /// # Errors
-/// As [`fingerprint`].
+/// Those of [`fingerprint`].
 pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
     let (mut found, mut left) = (Vec::new(), bytes);
     for file in parts::files(path) {
@@ -74,22 +74,22 @@ pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
     Ok((read == bytes).then_some(ContentPrefix { bytes, hash }))
 }
 
-/// No bytes, which every file begins with.
+/// The empty prefix, with which every file begins.
 #[must_use]
 pub fn nothing() -> ContentPrefix {
     ContentPrefix { bytes: 0, hash: of_bytes(b"") }
 }
 
-/// Number of the file that `metadata` is of.
+/// Number of the file of `metadata`.
 #[must_use]
 pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
     FileId { device: metadata.dev(), inode: metadata.ino() }
 }
 
-/// A moment that differs after each write to a file and each other change of it. It is the time of change, which only the
-/// file system sets. Copies and people may set a time of modification that is later; it then adds up to a second, so that
-/// neither time hides the other and a wrong date does no harm. On a file system without these times, only the size shows a
-/// change.
+/// A time that differs after each write to a file and each other change of it. It is the change time, which only the
+/// file system sets. Copies and people may set a later modification time; that is added as a fraction of a second, so
+/// that neither time hides the other and a wrong date does no harm. On a file system without these times, only the size
+/// shows a change.
 #[must_use]
 pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
     let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
@@ -101,7 +101,7 @@ pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
     if modified <= changed {
         return changed;
     }
-    // a database keeps microseconds
+    // a database stores microseconds
     let chosen = i128::from(metadata.mtime()) * 7_919 + i128::from(metadata.mtime_nsec() / 1000);
     changed + Duration::from_micros(u64::try_from(chosen.rem_euclid(1_000_000)).unwrap_or_default() + 1)
 }
@@ -115,7 +115,7 @@ pub fn extent(path: &Path, metadata: &std::fs::Metadata) -> (u64, SystemTime) {
     })
 }
 
-/// Identity of a few bytes that stand for a file whose content cannot be read.
+/// Identity of a few bytes that represent a file with unreadable content.
 #[must_use]
 pub fn of_bytes(bytes: &[u8]) -> ContentHash {
     ContentHash(*blake3::hash(bytes).as_bytes())
@@ -125,10 +125,10 @@ pub fn of_bytes(bytes: &[u8]) -> ContentHash {
 /// [`FileAccess`](super::access::FileAccess) permits.
 ///
 /// # Errors
-/// As [`fingerprint`].
+/// Those of [`fingerprint`].
 pub(crate) fn regular_file(path: &Path) -> io::Result<File> {
-    // Looked at before opening, since opening a pipe waits for its writer; and after, since the
-    // name may have changed hands in between.
+    // Checked before opening, since opening a pipe waits for its writer; and after, since another file may have taken
+    // the name in between.
     asking(|| {
         refuse_special(&std::fs::metadata(path)?)?;
         let file = File::open(path)?;
@@ -138,7 +138,7 @@ pub(crate) fn regular_file(path: &Path) -> io::Result<File> {
     })
 }
 
-/// Hashes what passes through, so that a file is hashed by the very read that parses it.
+/// Hashes bytes on their way, so that the read that parses a file also hashes it.
 #[derive(Debug)]
 pub struct HashingReader<R> {
     inner: R,
@@ -146,7 +146,7 @@ pub struct HashingReader<R> {
 }
 
 impl<R: Read> HashingReader<R> {
-    /// Wraps `inner`; the second value gives the hash of what was read from it so far.
+    /// Wraps `inner`; the second value gives the hash of the bytes read so far.
     #[must_use]
     pub fn new(inner: R) -> (Self, RunningHash) {
         let hash = Arc::<Mutex<blake3::Hasher>>::default();
@@ -164,8 +164,8 @@ impl<R: Read> Read for HashingReader<R> {
     }
 }
 
-/// Hash of what a [`HashingReader`], or one for each part, has read so far. Equal to [`fingerprint`] once the readers are at
-/// their ends, unless a file changed meanwhile.
+/// Hash of the bytes that a [`HashingReader`], or one for each part, has read so far. Equal to [`fingerprint`] once the
+/// readers are at their ends, unless a file changed in the meantime.
 #[derive(Debug, Clone)]
 pub struct RunningHash(Arc<Mutex<Vec<Arc<Mutex<blake3::Hasher>>>>>);
 
@@ -179,7 +179,7 @@ impl RunningHash {
         joined(&readers.iter().map(of_part).collect::<Vec<_>>())
     }
 
-    /// What was read so far, as the beginning of a content.
+    /// The bytes read so far, as the beginning of a content.
     #[must_use]
     pub fn prefix(&self) -> ContentPrefix {
         let (hash, bytes) = self.so_far();
@@ -193,7 +193,7 @@ impl RunningHash {
         readers.iter().map(|of| of.lock().unwrap_or_else(PoisonError::into_inner).count()).sum()
     }
 
-    /// Counts what the reader of the next part has read too.
+    /// Includes the bytes of the next part's reader too.
     pub(crate) fn follow_with(&self, next: &Self) {
         let next = next.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         self.0.lock().unwrap_or_else(PoisonError::into_inner).extend(next);
@@ -260,7 +260,7 @@ mod tests {
         assert_eq!(prefix(&path, 0).unwrap(), Some(nothing()));
     }
 
-    /// As `cp -p` and `rsync -t` do.
+    /// Imitates `cp -p` and `rsync -t`.
     #[test]
     fn a_file_that_takes_the_time_of_another_has_changed_all_the_same() {
         let folder = tempfile::tempdir().unwrap();
@@ -274,14 +274,14 @@ mod tests {
             changed_at(&metadata)
         };
         let first = written("1");
-        // the clock of a file system has a grain of milliseconds
+        // the clock of a file system has a resolution of milliseconds
         let patience = SystemTime::now() + Duration::from_secs(10);
         while written("2") == first {
             assert!(SystemTime::now() < patience, "its time of change stands still");
         }
     }
 
-    /// Times of modification are set by copies, clocks that are wrong, and people.
+    /// Modification times are set by copies, wrong clocks, and people.
     #[test]
     fn a_file_with_any_time_of_modification_changes_when_it_is_written_and_when_it_is_touched() {
         let folder = tempfile::tempdir().unwrap();

@@ -29,7 +29,7 @@ pub(super) struct JointStateMessage<'m> {
 }
 
 impl<'m> JointStateMessage<'m> {
-    /// `None` for bytes that are no such message.
+    /// `None` for bytes that are not such a message.
     pub(super) fn read(data: &'m [u8], encoding: Encoding) -> Option<Self> {
         let mut message = match (encoding, data) {
             (Encoding::Ros1, _) => {

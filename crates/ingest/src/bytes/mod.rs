@@ -1,4 +1,5 @@
-//! The bytes of an export: which file it is, decompression, Parquet, bags, traces and scope exports as text, encoding, blocks of whole lines.
+//! The bytes of an export: identity, decompression, Parquet, bags, traces and scope exports as text, encoding, blocks
+//! of whole lines.
 
 pub mod source;
 pub mod fingerprint;

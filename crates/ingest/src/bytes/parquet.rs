@@ -1,7 +1,7 @@
 //! Parquet exports as the text of a CSV file, so that the same reader checks the rows of both.
 //!
-//! Rows are decoded page by page, since a writer may put a whole recording into one row group. polars trusts the sizes that
-//! a file states and panics on some damaged pages, so sizes are bounded before it sees them.
+//! Rows are decoded page by page, since a writer may put a whole recording into one row group. polars trusts the sizes
+//! that a file states and panics on some damaged pages, so sizes are bounded before it sees them.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -36,7 +36,7 @@ use crate::rejection::Rejection;
 /// First and last bytes of a Parquet file.
 pub(super) const MAGIC: [u8; 4] = *b"PAR1";
 
-/// Bytes behind the metadata: their length, and [`MAGIC`].
+/// Bytes after the metadata: their length, and [`MAGIC`].
 const FOOTER_BYTES: u64 = 8;
 
 /// Most bytes of metadata. A thousand row groups of two hundred columns have some 20 MiB.
@@ -45,7 +45,7 @@ const MOST_METADATA_BYTES: u64 = 32 << 20;
 /// Most bytes of a page, compressed or not. Writers make pages of 1 MiB.
 const MOST_PAGE_BYTES: usize = 64 << 20;
 
-/// Most rows of a page: a value that repeats takes no room, so bytes do not bound them.
+/// Most rows of a page: a repeated value takes no space, so that bytes do not bound the rows.
 const MOST_PAGE_ROWS: usize = 4 << 20;
 
 /// Bytes of a page that are read first.
@@ -78,7 +78,7 @@ pub(super) struct ParquetText {
     given: usize,
 }
 
-/// How the values of a column become cells.
+/// Conversion of a column's values to cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum CellForm {
     Double,
@@ -89,7 +89,7 @@ enum CellForm {
     UInt64,
     Boolean,
     Text,
-    /// Units since 1970 in a second, and whether they count from UTC.
+    /// Units since 1970 per second, and true if they count from UTC.
     Moment(i128, bool),
     Other,
 }
@@ -131,7 +131,7 @@ impl ParquetText {
         Ok((text, hash))
     }
 
-    /// Makes the next rows text; `false` at the end.
+    /// Converts the next rows to text; `false` at the end.
     fn fill(&mut self) -> io::Result<bool> {
         self.text.clear();
         self.given = 0;
@@ -249,15 +249,15 @@ impl CellForm {
 /// The values of a column in a row group.
 struct ColumnChunk {
     form: CellForm,
-    /// The column as polars needs to know it.
+    /// The column in the form that polars needs.
     pages: PageMetaData,
-    /// Place of the next page in the file, and the end of the last one.
+    /// Position of the next page in the file, and the end of the last one.
     at: u64,
     end: u64,
     /// The bytes of the dictionary's page.
     dictionary: Vec<u8>,
     arrays: VecDeque<Box<dyn Array>>,
-    /// Values of the first array that have become text.
+    /// Values of the first array that were converted to text.
     passed: usize,
 }
 
@@ -282,7 +282,7 @@ impl ColumnChunk {
         Ok(Self { form, pages, at, end, dictionary: Vec::new(), arrays: VecDeque::new(), passed: 0 })
     }
 
-    /// Decodes the next page if no value is left; the number of values that are ready, at least one.
+    /// Decodes the next page if no value is left; returns the number of ready values, at least one.
     fn ready(&mut self, file: &File, rows_left: usize) -> io::Result<usize> {
         loop {
             match self.arrays.front() {
@@ -323,7 +323,8 @@ impl ColumnChunk {
         }
     }
 
-    /// The next page and its bytes in the file. Its header has no fixed length, so more is read until the page is whole.
+    /// The next page and its bytes in the file. Its header has no fixed length, so more is read until the page is
+    /// whole.
     fn page_bytes(&self, file: &File) -> io::Result<(CompressedPage, Vec<u8>)> {
         let left = self.end - self.at;
         let mut size = FIRST_PAGE_BYTES.min(left);
@@ -349,7 +350,7 @@ impl ColumnChunk {
         }
     }
 
-    /// Decodes the bytes of a page behind those of its dictionary.
+    /// Decodes the bytes of a page after those of its dictionary.
     fn decoded(&self, bytes: Vec<u8>, rows: usize) -> io::Result<VecDeque<Box<dyn Array>>> {
         let pages = PageMetaData { num_values: rows as i64, ..self.pages.clone() };
         let kind = pages.descriptor.primitive_type.clone();
@@ -363,7 +364,7 @@ impl ColumnChunk {
         })
     }
 
-    /// Writes the value `row` rows further on, nothing for one that is missing.
+    /// Writes the value `row` rows further on; writes nothing for a missing one.
     fn write(&self, row: usize, text: &mut Vec<u8>) {
         let row = self.passed + row;
         let Some(array) = self.arrays.front() else {
@@ -425,7 +426,7 @@ fn separate(text: &mut Vec<u8>, column: usize) {
     }
 }
 
-/// A name or word, in quotes where CSV asks for them. It stays in its line.
+/// A name or word, in quotes if CSV requires them. It stays in its line.
 fn write_text(text: &mut Vec<u8>, cell: &str) {
     let cell = cell.replace(['\n', '\r', '\0'], " ");
     match cell.contains([',', '"']) {

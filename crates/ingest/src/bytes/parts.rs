@@ -1,4 +1,4 @@
-//! Recordings in several files. The path of such a recording names its parts, so that it is all that has to be kept of them:
+//! Recordings in several files. The path of such a recording names its parts, so that no other data is needed for them:
 //! `R01_0800_{pos|trq}.csv` has two parts by name, and `R01_0800_part{0+}.csv` has part 0 and those that follow it.
 
 use std::io;
@@ -10,7 +10,7 @@ use super::fingerprint::{extent, id_of};
 use armwatch_config::PartName;
 use armwatch_model::run::FileId;
 
-/// Most parts of a recording: a year of parts an hour long.
+/// Most parts of a recording: a year of one-hour parts.
 const MOST_PARTS: u64 = 10_000;
 
 /// The files of a recording.
@@ -25,11 +25,11 @@ pub struct Parts {
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Which {
     Named(Vec<String>),
-    /// This number, with so many digits at least, and those that follow it.
+    /// This number, with at least so many digits, and those that follow it.
     From(u64, usize),
 }
 
-/// Size, latest change and number of an export; those of several files are their sum, the latest, and that of the first.
+/// Size, latest change and number of an export; for several files their sum, the latest, and that of the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileState {
     /// Bytes.
@@ -43,7 +43,7 @@ pub struct FileState {
 }
 
 impl Parts {
-    /// The parts that a path names; `None` of a path of one file.
+    /// The parts that a path names; `None` for a path of one file.
     #[must_use]
     pub fn of(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
@@ -58,9 +58,9 @@ impl Parts {
         Some(Self { folder, before: before.to_owned(), after: after.to_owned(), which })
     }
 
-    /// The recording that the file at `path` is a part of. Of numbered parts, it begins with the first of those that follow
-    /// each other up to this one. `None` if only the name says a number, and no file has the first one: it may number
-    /// something else.
+    /// The recording that contains the file at `path`. If the parts are numbered, it begins with the first in the
+    /// unbroken sequence up to this one. `None` if only the name contains a number and the first number is missing: the
+    /// number may have another meaning.
     #[must_use]
     pub fn containing(path: &Path, part: &PartName, is_there: impl Fn(&Path) -> bool) -> Option<Self> {
         let PartName { before, part, after, names, is_told, .. } = part;
@@ -94,7 +94,7 @@ impl Parts {
         self.folder.join(format!("{}{part}{}", self.before, self.after))
     }
 
-    /// The path that stands for all parts.
+    /// The path that represents all parts.
     #[must_use]
     pub fn path(&self) -> PathBuf {
         self.file(&match &self.which {
@@ -103,7 +103,7 @@ impl Parts {
         })
     }
 
-    /// The file whose name stands for the recording: that of the first part.
+    /// The file whose name identifies the recording: that of the first part.
     #[must_use]
     pub fn first(&self) -> PathBuf {
         self.file(&match &self.which {
@@ -112,7 +112,7 @@ impl Parts {
         })
     }
 
-    /// The files, with the names of the parts: all named ones, and of numbered ones those that are there.
+    /// The files, with the names of the parts: all named ones, and the existing numbered ones.
     #[must_use]
     pub fn files(&self) -> Vec<(String, PathBuf)> {
         let with_file = |part: String| (part.clone(), self.file(&part));
@@ -127,7 +127,7 @@ impl Parts {
         }
     }
 
-    /// The paths that stood for the numbered parts from the third on while one before was missing.
+    /// The paths that represented the numbered parts from the third on while an earlier one was missing.
     #[must_use]
     pub fn later(&self) -> Vec<PathBuf> {
         let Which::From(first, width) = self.which else { return Vec::new() };
@@ -142,7 +142,7 @@ impl Parts {
         self.missing_among(|file| metadata(file).is_ok())
     }
 
-    /// The first file that is not among others. Numbers begin with 0 or 1.
+    /// The first file that does not exist, by `is_there`. Numbers begin with 0 or 1.
     #[must_use]
     pub fn missing_among(&self, is_there: impl Fn(&Path) -> bool) -> Option<PathBuf> {
         match &self.which {
@@ -166,16 +166,16 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     )
 }
 
-/// The file whose name stands for what lies at `path`.
+/// The file whose name identifies the recording at `path`.
 #[must_use]
 pub fn named_by(path: &Path) -> PathBuf {
     Parts::of(path).map_or_else(|| path.to_owned(), |parts| parts.first())
 }
 
-/// The state of what lies at `path`.
+/// The state of the recording at `path`.
 ///
 /// # Errors
-/// Those of the file system, of the first file that has one.
+/// Those of the file system, for the first file that has one.
 pub fn state(path: &Path) -> io::Result<FileState> {
     let of_file = |file: &PathBuf| {
         let metadata = metadata(file)?;
@@ -187,7 +187,7 @@ pub fn state(path: &Path) -> io::Result<FileState> {
     joined(states).ok_or_else(|| io::ErrorKind::NotFound.into())
 }
 
-/// The state of several files together.
+/// The combined state of several files.
 pub(crate) fn joined(states: impl IntoIterator<Item = FileState>) -> Option<FileState> {
     states.into_iter().reduce(|all, of| FileState {
         bytes: all.bytes.saturating_add(of.bytes),
@@ -243,7 +243,7 @@ mod tests {
         let c = Parts::containing(&path("c_q.csv"), &part("c_", "q", &["q", "tau"]), |path| path.exists())
             .unwrap();
         assert_eq!((c.path(), c.missing()), (path("c_{q|tau}.csv"), Some(path("c_tau.csv"))));
-        // a number that no layout explains
+        // a number that is not in the layout
         let unexplained = PartName { is_told: false, ..part("a_", "11", &[]) };
         assert_eq!(Parts::containing(&path("a_11.csv"), &unexplained, |path| path.exists()), None);
         for parts in [a, b, c] {

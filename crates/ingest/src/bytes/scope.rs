@@ -1,8 +1,8 @@
 //! TwinCAT Scope exports as the text of a plain CSV file.
 //!
-//! Such an export has lines about the project, a line of names and further lines about the channels, and a column of times
-//! before each group of channels. Rows are those of the fastest group. A slower channel, and one that was recorded at other
-//! times, holds its last value.
+//! Such an export has lines about the project, a line of names and further lines about the channels, and a column of
+//! times before each group of channels. Rows are those of the fastest group. A slower channel, and one that was
+//! recorded at other times, holds its last value.
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
@@ -34,7 +34,7 @@ const MOST_WAITING: usize = 128 << 20;
 /// Bytes that a waiting row takes in addition to its cells.
 const ROW_BYTES: usize = 64;
 
-/// Times that differ by less than this part of a step are equal.
+/// Times that differ by less than this fraction of a step are equal.
 const EQUAL: f64 = 1e-6;
 
 /// A channel holds its last value for this many of its steps.
@@ -42,7 +42,7 @@ const HELD_STEPS: f64 = 1.5;
 
 const REMEDY: &str = "export again from TwinCAT Scope, with a time column";
 
-/// Returns true if a text begins as such an export does.
+/// Returns true if a text begins like such an export.
 pub(super) fn is_scope(head: &[u8]) -> bool {
     let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
     let Some(sign) = head.get(NAME.len()).filter(|sign| b"\t;,".contains(sign)) else { return false };
@@ -53,7 +53,7 @@ pub(super) fn is_scope(head: &[u8]) -> bool {
     lines.next().is_some_and(|line| begins(line, NAME)) && lines.take(8).any(|line| begins(line, PROJECT))
 }
 
-/// A text as it is, or the rows of a TwinCAT Scope export as CSV.
+/// A text unchanged, or the rows of a TwinCAT Scope export as CSV.
 pub(super) fn plain(mut text: impl Read + Send + 'static) -> io::Result<Box<dyn Read + Send>> {
     let mut head = Vec::new();
     // the rows before the fault of a damaged stream are read first
@@ -63,7 +63,7 @@ pub(super) fn plain(mut text: impl Read + Send + 'static) -> io::Result<Box<dyn 
     Ok(if is_scope { Box::new(ScopeText::new(whole)) } else { Box::new(whole) })
 }
 
-/// Gives an error once.
+/// Returns an error once.
 struct Failed(Option<io::Error>);
 
 impl Read for Failed {
@@ -76,7 +76,7 @@ impl Read for Failed {
 struct Group {
     /// Column of the times.
     time: usize,
-    /// Number of channels behind it.
+    /// Number of channels after it.
     channels: usize,
     /// Distance between the first two times, ms.
     step: f64,
@@ -90,7 +90,7 @@ struct Group {
 
 struct Sample {
     time: f64,
-    /// Time as it is written, and the cells of the channels, each with a comma before it.
+    /// Time as written, and the cells of the channels, each with a comma before it.
     text: String,
     cells: String,
 }
@@ -126,7 +126,7 @@ impl<R: Read> ScopeText<R> {
         }
     }
 
-    /// The next line without its end; `None` behind the last.
+    /// The next line without its end; `None` after the last.
     fn next_line(&mut self) -> io::Result<Option<String>> {
         let mut bytes = Vec::new();
         (&mut self.file).take(LONGEST_LINE).read_until(b'\n', &mut bytes)?;
@@ -148,7 +148,7 @@ impl<R: Read> ScopeText<R> {
         unreadable(format!("a TwinCAT Scope export whose line {} {what}", self.line), REMEDY)
     }
 
-    /// Reads the lines above the rows, and the first two rows, whose times tell the steps.
+    /// Reads the lines above the rows, and the first two rows, whose times give the steps.
     fn begin(&mut self) -> io::Result<()> {
         self.is_begun = true;
         let first = self.next_line()?.unwrap_or_default();
@@ -234,7 +234,7 @@ impl<R: Read> ScopeText<R> {
         self.groups.iter_mut().for_each(|group| group.ended = true);
     }
 
-    /// Takes the samples of a row.
+    /// Stores the samples of a row.
     fn take(&mut self, row: &str) -> io::Result<()> {
         let cells: Vec<&str> = row.split(self.sign).collect();
         if cells.iter().all(|cell| cell.trim().is_empty()) {
@@ -298,7 +298,7 @@ impl<R: Read> ScopeText<R> {
                     .filter(|held| !group.step.is_finite() || time - held.time <= HELD_STEPS * group.step)
                     .is_some()
             };
-            // before the first value of a channel, and behind its last, there is no whole row
+            // before the first value of a channel, and after its last, there is no whole row
             if self.groups.iter().all(holds) {
                 self.text.extend_from_slice(text.as_bytes());
                 let cells = self.groups.iter().filter_map(|group| group.held.as_ref());
@@ -306,7 +306,7 @@ impl<R: Read> ScopeText<R> {
                 self.text.push(b'\n');
             }
         }
-        // behind the last row, the others give nothing
+        // after the last row, the others return nothing
         if self.groups[self.base].ended {
             self.groups.iter_mut().for_each(|group| group.waiting.clear());
             self.waiting_bytes = 0;

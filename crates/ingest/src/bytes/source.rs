@@ -1,4 +1,5 @@
-//! Opening exports: text, plain or packed, Parquet, MCAP bags and the formats of makers, distinguished by their first bytes.
+//! Opens exports: text, plain or compressed, Parquet, MCAP bags and the formats of makers, distinguished by their first
+//! bytes.
 
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
@@ -18,42 +19,42 @@ use armwatch_model::text;
 /// 1 kHz is about 20 GB; a few kilobytes of gzip can claim any size.
 pub const MAX_DECOMPRESSED_BYTES: u64 = 64 << 30;
 
-/// Largest window of a Zstandard stream, as a power of two: 8 MiB, which levels up to 19 keep to and every decoder must
-/// offer. Each export that is read holds one.
+/// Largest window of a Zstandard stream, as a power of two: 8 MiB, the limit of levels up to 19, which every decoder
+/// must support. Each export that is being read needs one.
 const MAX_WINDOW_LOG: u32 = 23;
 
 /// Bytes read from disk at once for the decoders, whose own requests are small.
 const DISK_BUFFER_BYTES: usize = 256 << 10;
 
-/// Bytes looked at to tell formats apart.
+/// Bytes that distinguish formats.
 pub(crate) const MAGIC_BYTES: u64 = scope::HEAD_BYTES;
 
 /// Opens an export for reading its decompressed bytes.
 ///
-/// The format is told by the first bytes, not by the name: plain text, gzip with any number of
-/// members, Zstandard with any number of frames, Parquet, MCAP bags,
-/// KUKA traces and TwinCAT Scope exports, whose rows become lines of CSV. Reading fails when a compressed stream is cut or
-/// damaged, or passes [`MAX_DECOMPRESSED_BYTES`]; [`Rejection::from_io`] explains such an error.
+/// The first bytes determine the format, not the name: plain text, gzip with any number of members, Zstandard with any
+/// number of frames, Parquet, MCAP bags, KUKA traces and TwinCAT Scope exports, whose rows become lines of CSV. Reading
+/// fails if a compressed stream is cut or damaged, or exceeds [`MAX_DECOMPRESSED_BYTES`]; [`Rejection::from_io`]
+/// explains such an error.
 ///
 /// # Errors
-/// A rejection for what is not a regular file, cannot be opened, or is an archive of another kind.
+/// A rejection for a path that is not a regular file, cannot be opened, or is an archive of another kind.
 pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
     open_hashing(path).map(|(reader, _)| reader)
 }
 
-/// As [`open`], and hashes the bytes on disk on the side: at the reader's end the hash equals
-/// [`super::fingerprint::fingerprint`], unless the file changed while it was read.
+/// Like [`open`], and also hashes the bytes on disk: at the reader's end the hash equals
+/// [`super::fingerprint::fingerprint`], unless the file changed during reading.
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     open_hashing_up_to(path, MAX_DECOMPRESSED_BYTES)
 }
 
-/// As [`open_hashing`], with `most` bytes after decompression as the bound.
+/// Like [`open_hashing`], with `most` bytes after decompression as the bound.
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     let failed = |error: io::Error| Rejection::from_io(path, &error);
     let mut file = regular_file(path).map_err(failed)?;
@@ -74,7 +75,7 @@ pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send
     Ok((Box::new(LimitedReader { inner: decoded, left: most, most }), hash))
 }
 
-/// Whether the first bytes of a file are those of plain text, of which a part can be read.
+/// Returns true if the first bytes of a file are those of plain text, which is readable in part.
 #[must_use]
 pub(crate) fn is_plain(head: &[u8]) -> bool {
     matches!(format(head), Format::Plain) && !scope::is_scope(head)
@@ -83,8 +84,8 @@ pub(crate) fn is_plain(head: &[u8]) -> bool {
 /// Endings of the names of exports.
 pub const ENDINGS: [&str; 5] = [".csv", ".csv.gz", ".csv.zst", ".parquet", ".mcap"];
 
-/// Returns true if a file of this name is an export, see [`ENDINGS`]. Upper and lower case are equal. Hidden files are no
-/// exports, and neither are files that a writer calls `.part` or `.tmp` until they are complete.
+/// Returns true if a file of this name is an export, see [`ENDINGS`]. Upper and lower case are equal. Hidden files are
+/// not exports, and neither are files with the suffix `.part` or `.tmp`, which writers use until a file is complete.
 #[must_use]
 pub fn is_export(path: &Path) -> bool {
     let Some(name) = path.file_name() else { return false };
@@ -93,8 +94,8 @@ pub fn is_export(path: &Path) -> bool {
     stem.is_some_and(|stem| !stem.is_empty() && !stem.starts_with('.'))
 }
 
-/// A path as text by which it is known again: from the root on, whatever folder a command is called in, and also where
-/// its bytes are not UTF-8, as in names that an old controller gives. [`text::to_path`] gives the path back.
+/// A path as text that identifies it: absolute, so independent of the working folder, and also valid if its bytes are
+/// not UTF-8, as in names from an old controller. [`text::to_path`] restores the path.
 #[must_use]
 pub fn path_text(path: &Path) -> String {
     text::of_path(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()))
@@ -139,7 +140,7 @@ enum Format {
     Parquet,
     Bag,
     Trace,
-    /// Known, and not read here.
+    /// Known, but unsupported.
     Other(&'static str),
 }
 
@@ -161,7 +162,7 @@ fn format(head: &[u8]) -> Format {
     }
 }
 
-/// Gives the decoder's errors words that a person can act on.
+/// Replaces the decoder's errors by messages with a remedy.
 struct ExplainingReader<R> {
     inner: R,
     format: &'static str,
@@ -176,7 +177,7 @@ impl<R: Read> Read for ExplainingReader<R> {
         let read = self.inner.read(buffer);
         self.given += read.as_ref().map_or(0, |count| *count as u64);
         read.map_err(|error| match error.kind() {
-            // the file below, not the stream in it
+            // an error of the file below, not of the stream in it
             _ if error.raw_os_error().is_some() => error,
             io::ErrorKind::Interrupted => error,
             io::ErrorKind::UnexpectedEof => unreadable(
@@ -188,7 +189,7 @@ impl<R: Read> Read for ExplainingReader<R> {
                 ),
                 "the copy or the compression was cut off; copy the export again",
             ),
-            // the library has no other name for it
+            // the library has no other way to identify it
             _ if error.to_string().contains("too much memory") => unreadable(
                 format!(
                     "a {} stream whose window is larger than {} MiB",
@@ -205,7 +206,7 @@ impl<R: Read> Read for ExplainingReader<R> {
     }
 }
 
-/// Ends a stream with an error once it gives more than its limit.
+/// Ends a stream with an error once it exceeds its limit.
 struct LimitedReader<R> {
     inner: R,
     left: u64,

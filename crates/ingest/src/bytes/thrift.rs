@@ -1,5 +1,5 @@
-//! A look at metadata in Thrift's compact form before a library reads it: the library makes room for as many elements as a
-//! list states.
+//! Checks metadata in Thrift's compact form before a library reads it: the library allocates memory for as many
+//! elements as a list states.
 
 /// Most elements of one list: columns times row groups of a large file.
 const MOST_ELEMENTS: u64 = 1 << 18;
@@ -68,7 +68,7 @@ impl ThriftWalk<'_> {
             if header >> 4 == 0 {
                 self.varint()?;
             }
-            // of a field, the header says the value
+            // for a field, the header contains the value
             if !matches!(kind, kind::TRUE | kind::FALSE) {
                 self.value(kind, levels)?;
             }

@@ -1,4 +1,5 @@
-//! KUKA traces as the text of a CSV file: a header of DIAdem (`.dat`) and its binary channels (`.r64`) in the same folder.
+//! KUKA traces as the text of a CSV file: a header of DIAdem (`.dat`) and its binary channels (`.r64`) in the same
+//! folder.
 //!
 //! A trace of the drives has a pair of files per drive, `NAME#1.dat`, `NAME#2.dat` and so on, with channels of the same
 //! names. The first header represents the whole trace.
@@ -16,7 +17,7 @@ use super::source::unreadable;
 use crate::rejection::Rejection;
 use armwatch_model::text;
 
-/// First bytes of a header, as DIAdem and as others write it.
+/// First bytes of a header, from DIAdem and from other programs.
 const STARTS: [&[u8]; 2] = [b"DIAEXTEN", b"#BEGINGL"];
 
 /// Most bytes of a header. One of a hundred channels has some 30 KiB.
@@ -28,7 +29,7 @@ const MOST_CHANNELS: usize = 1000;
 /// Most pairs of files of one trace: an arm with external axes has twelve drives.
 const MOST_DRIVES: usize = 32;
 
-/// Rows that become text at once.
+/// Rows that are converted to text at once.
 const ROWS_AT_ONCE: usize = 1024;
 
 /// Bytes of a value.
@@ -102,7 +103,7 @@ struct Channel {
     offset: f64,
     factor: f64,
     values: Option<Values>,
-    /// Those of the rows that become text.
+    /// Values of the rows that are converted to text.
     ready: Vec<f64>,
 }
 
@@ -176,7 +177,7 @@ impl TraceText {
         Ok((Self { channels, rows, next: 0, bytes: Vec::new(), text, given: 0 }, hash))
     }
 
-    /// Makes the next rows text; `false` at the end.
+    /// Converts the next rows to text; `false` at the end.
     fn fill(&mut self) -> io::Result<bool> {
         self.text.clear();
         self.given = 0;
@@ -255,7 +256,7 @@ struct ChannelHeader {
     name: String,
     unit: String,
     implicit: bool,
-    /// The values of all channels of a row stand together, and not those of a channel.
+    /// The values of all channels of a row are adjacent, instead of those of a channel.
     block: bool,
     kind: String,
     count: u64,
@@ -341,7 +342,7 @@ fn described(path: &Path) -> io::Result<Described> {
 }
 
 impl ChannelHeader {
-    /// Takes the value of a key; `None` if it is not one of those that are read.
+    /// Stores the value of a key; `None` if it is not one of those that are read.
     fn take(&mut self, key: &str, value: &str) -> Option<()> {
         let number = |value: &str| value.parse::<f64>().ok().filter(|number| number.is_finite());
         match key {
@@ -365,8 +366,8 @@ fn one_of(value: &str, yes: [&str; 2], no: [&str; 2]) -> Option<bool> {
     (is(yes) || is(no)).then(|| is(yes))
 }
 
-/// The values of each channel of a header. A channel that the header computes has `None`. All bytes of the file must be some channel's,
-/// so that a value is never taken for that of another channel.
+/// The values of each channel of a header. A channel that the header computes has `None`. All bytes of the file must
+/// belong to some channel, so that a value is never assigned to another one.
 fn values(header: &Path, described: &Described) -> io::Result<Vec<Option<Values>>> {
     let path = data_of(header);
     let file = regular_file(&path)?;

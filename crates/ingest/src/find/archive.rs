@@ -1,7 +1,7 @@
-//! Moving an export that is stored to another folder: copied, synced and read again before its source goes.
+//! Moves a stored export to another folder: it is copied, synced and read again before its source is removed.
 //!
-//! The one place where a source is removed. Cut short anywhere, it is begun again without harm: a copy without
-//! its name is thrown away, and a copy with its name is found when the source is looked at again.
+//! Only this module removes a source. An interruption at any point is harmless: a copy with a temporary name is
+//! deleted, and a copy with its final name is found when the source is processed again.
 
 use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
@@ -16,33 +16,32 @@ use crate::bytes::fingerprint::{HashingReader, fingerprint, id_of, regular_file}
 use armwatch_model::run::ContentHash;
 use armwatch_model::text;
 
-/// Folder of copies that are not whole, inside the archive.
+/// Folder of incomplete copies, inside the archive.
 const PARTIAL: &str = ".partial";
 
-/// Names tried for exports of one name and other content.
+/// Names tried for exports with the same name and other content.
 const MOST_NAMES: usize = 3;
 
-/// Digits of its hash that tell an export from another one of its name, times the number of the attempt.
+/// Digits of the hash that distinguish exports with the same name, times the number of the attempt.
 const DIGITS: usize = 8;
 
-/// What became of a source.
+/// The result for a source.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Archived {
-    /// It lies here now, and nowhere else.
+    /// It is now only at this path.
     At(PathBuf),
-    /// It is another content than that which is stored, or changed meanwhile: it stays.
+    /// Its content differs from the stored one, or it changed in the meantime: it stays.
     Changed,
 }
 
-/// Moves the export at `source`, which holds `content`, to `archive`, below the sub-folder `below`. A file of
-/// this name with another content is left alone: the export then carries the beginning of its hash in its
-/// name.
+/// Moves the export at `source`, which has the content `content`, to `archive`, below the sub-folder `below`. A file
+/// with this name and another content is unchanged: the export's name then contains the beginning of its hash.
 ///
 /// # Errors
-/// Those of the file system; the source is there then.
+/// Those of the file system; the source still exists then.
 pub fn archive(source: &Path, content: &ContentHash, archive: &Path, below: &Path) -> io::Result<Archived> {
     let before = regular_file(source)?.metadata()?;
-    // from the root on, or the folder around the archive could have no name
+    // absolute, or the folder around the archive could have no name
     let archive = &std::path::absolute(archive)?;
     let folder = archive.join(below);
     fs::create_dir_all(&folder)?;
@@ -51,7 +50,7 @@ pub fn archive(source: &Path, content: &ContentHash, archive: &Path, below: &Pat
     else {
         return Ok(Archived::Changed);
     };
-    // what was written to the source since it was read must not be lost
+    // data written to the source since it was read must not be lost
     let now = fs::metadata(source)?;
     let is_same = id_of(&now) == id_of(&before)
         && now.len() == before.len()
@@ -68,7 +67,7 @@ pub fn archive(source: &Path, content: &ContentHash, archive: &Path, below: &Pat
     Ok(Archived::At(target))
 }
 
-/// Finds or makes the copy in `folder`; `None` where `copy` says that the source is another content.
+/// Finds or makes the copy in `folder`; `None` if `copy` reports that the source has another content.
 fn place(
     folder: &Path,
     name: &OsStr,
@@ -79,10 +78,10 @@ fn place(
     for attempt in 0..MOST_NAMES {
         let target = folder.join(name_of(name, content, attempt));
         match fingerprint(&target) {
-            // left by an attempt that was cut short before the source went, or by a copy of it
+            // left by an attempt that was interrupted before the source was removed, or by a copy of it
             Ok((found, _)) if found == *content => {
                 File::open(&target)?.sync_all()?;
-                // the attempt may have been cut short before it synced the name
+                // the attempt may have been interrupted before it synced the name
                 sync_names(folder)?;
                 return Ok(Some(target));
             }
@@ -104,7 +103,7 @@ fn place(
     Err(io::Error::new(io::ErrorKind::AlreadyExists, taken))
 }
 
-/// Copies and syncs, and reads the copy again; whether it is the content.
+/// Copies and syncs, and reads the copy again; returns true if it has the content.
 fn copy(source: &Path, partial: &Path, content: &ContentHash) -> io::Result<bool> {
     let original = regular_file(source)?;
     let modified = original.metadata()?.modified();
@@ -112,7 +111,7 @@ fn copy(source: &Path, partial: &Path, content: &ContentHash) -> io::Result<bool
     let mut file = File::create(partial)?;
     io::copy(&mut reader, &mut file)?;
     if let Ok(modified) = modified {
-        // a recording's start may be known from it alone
+        // the start of a recording may depend on it
         file.set_modified(modified)?;
     }
     file.sync_all()?;
@@ -120,7 +119,7 @@ fn copy(source: &Path, partial: &Path, content: &ContentHash) -> io::Result<bool
     Ok(hash.so_far().0 == *content && fingerprint(partial)?.0 == *content)
 }
 
-/// The name as it is, then with more and more of the hash before its endings.
+/// The name unchanged, then with more and more of the hash before its endings.
 fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
     if attempt == 0 {
         return name.to_owned();
@@ -132,7 +131,7 @@ fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
     OsString::from_vec(text::to_bytes(&format!("{stem}~{hash}{endings}")))
 }
 
-/// The name of an export without what [`archive`] has put into it.
+/// The name of an export without the additions of [`archive`].
 #[must_use]
 pub fn original_name(name: &str) -> Cow<'_, str> {
     let stem_end = name.to_ascii_lowercase().rfind(".csv").unwrap_or(name.len());
@@ -147,7 +146,7 @@ pub fn original_name(name: &str) -> Cow<'_, str> {
     }
 }
 
-/// Takes away the mark that said that the source was done.
+/// Removes the mark of the source's completion.
 fn remove_mark(source: &Path) -> io::Result<()> {
     match fs::remove_file(mark_of(source)) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
@@ -206,7 +205,7 @@ mod tests {
     #[test]
     fn cut_short_anywhere_it_is_begun_again() {
         let folders = Folders::new();
-        // in the copy
+        // during the copy
         fs::create_dir_all(folders.path("archive/.partial")).unwrap();
         let half = folders.path("archive/.partial").join(of_bytes(b"one").to_string());
         fs::write(&half, b"on").unwrap();
@@ -246,7 +245,7 @@ mod tests {
         assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::Changed);
         assert_eq!(fs::read(&source).unwrap(), b"one and more");
         assert!(!folders.target().exists());
-        // the copy is there from before; the source has grown since
+        // the copy exists from before; the source has grown since
         folders.archive(&folders.source(b"one"), b"one").unwrap();
         let source = folders.source(b"one and more");
         assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::Changed);

@@ -5,12 +5,12 @@ use std::io::{self, ErrorKind};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// Syncs a folder and all folders around it on its file system. The names in it then outlast a loss of power, and so
-/// does its own, even if the program has just made the folder and those around it.
+/// Syncs a folder and all folders around it on its file system. The names in it then survive a power failure, and so
+/// does its own, even if the program has just created the folder and those around it.
 ///
 /// # Errors
 /// Those of the file system. The work ends without an error at a folder that this user cannot read: the program has not
-/// made it.
+/// created it.
 pub fn sync_names(folder: &Path) -> io::Result<()> {
     let folder = std::path::absolute(folder)?;
     let device = File::open(&folder)?.metadata()?.dev();

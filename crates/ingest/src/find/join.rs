@@ -1,4 +1,4 @@
-//! Parts of recordings among the files of a look: they count as one file.
+//! Joins parts of recordings among the files of a scan: they count as one file.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -9,8 +9,8 @@ use crate::bytes::parts::Parts;
 use armwatch_config::PartName;
 use armwatch_model::text;
 
-/// Puts the path of the recording in the place of those of its parts, for files as a look has found them. `part_of` gives the
-/// part that a file name says.
+/// Replaces the paths of a recording's parts by the path of the recording, for files from a scan. `part_of` returns the
+/// part in a file name.
 ///
 /// Sizes are added, and the latest change counts. A recording that lacks a part waits for it ([`FoundFile::wait`]).
 #[must_use]
@@ -56,7 +56,7 @@ pub fn join_parts(files: Vec<FoundFile>, part_of: impl Fn(&str) -> Option<PartNa
     joined
 }
 
-/// As [`join_parts`], for paths that a person named or a command found; parts that lie beside them belong to them.
+/// Like [`join_parts`], for paths that a person named or a command found; parts next to them belong to them.
 #[must_use]
 pub fn join_paths(paths: Vec<PathBuf>, part_of: impl Fn(&str) -> Option<PartName>) -> Vec<PathBuf> {
     let is_there = |path: &Path| metadata(path).is_ok();
@@ -65,7 +65,7 @@ pub fn join_paths(paths: Vec<PathBuf>, part_of: impl Fn(&str) -> Option<PartName
         let part = part_of(&text::of_file_name(&path));
         let parts = part.and_then(|part| Parts::containing(&path, &part, is_there));
         match parts.filter(|parts| parts.missing_among(is_there).is_some() || parts.files().len() > 1) {
-            // once, although each part stands for it
+            // once, although each part represents it
             Some(parts) => Some(parts.path()).filter(|whole| seen.insert(whole.clone())),
             None => Some(path),
         }

@@ -1,27 +1,26 @@
-//! Has the writer finished? Decided from what was seen of a file; the clock is an argument.
+//! Decides that a writer has finished, from observations of a file; the time is an argument.
 
 use std::time::{Duration, Instant, SystemTime};
 
-/// What a scan saw of a file.
+/// One observation of a file by a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Observation {
     /// Size, bytes.
     pub size: u64,
-    /// Time of the last modification, as the file system says. Only compared for equality: clocks
-    /// of file servers differ from ours.
+    /// Modification time from the file system. Only compared for equality: clocks of file servers differ from ours.
     pub modified: SystemTime,
-    /// When it was seen.
+    /// Time of the observation.
     pub at: Instant,
 }
 
-/// What successive scans say of a file.
+/// Result of successive scans of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settling {
     size: u64,
     modified: SystemTime,
     unchanged_since: Instant,
     last_seen: Instant,
-    /// Observations that agree, this streak only.
+    /// Number of equal observations in a row.
     agreeing: u32,
     settled_before: bool,
 }
@@ -46,8 +45,8 @@ impl Settling {
         Self { settled_before: true, ..Self::first(seen) }
     }
 
-    /// The same file seen again. Any change of size or modification time, forwards or backwards,
-    /// starts the wait anew.
+    /// Adds another observation of the same file. Any change of size or modification time, forwards or backwards,
+    /// restarts the wait.
     #[must_use]
     pub fn again(self, seen: Observation) -> Self {
         if seen.size != self.size || seen.modified != self.modified {
@@ -56,8 +55,8 @@ impl Settling {
         Self { last_seen: seen.at, agreeing: self.agreeing.saturating_add(1), ..self }
     }
 
-    /// Whether the file stood still over at least two observations that are `settle` or more apart, or as it
-    /// had settled before.
+    /// Returns true if the file was unchanged over at least two observations that are `settle` or more apart, or since
+    /// it had settled before.
     #[must_use]
     pub fn is_settled(self, settle: Duration) -> bool {
         self.settled_before

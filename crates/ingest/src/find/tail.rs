@@ -1,9 +1,9 @@
-//! Exports that still grow: read as far as they are written, and looked at for their end.
+//! Exports that still grow: reading the written part, and detecting their end.
 //!
-//! An export is done when a file of its name with `.done` behind it lies beside it, or when its size and
-//! modification time stood still for the time to settle. That it was closed or renamed says
-//! nothing: many writers open and close a file for every row. Whether what was read is what lies on disk is
-//! decided by reading it again, not by sizes and times.
+//! An export is complete when a file of its name with the suffix `.done` exists next to it, or when its size and
+//! modification time have not changed for the settle time. Closing or renaming is no evidence: many writers open and
+//! close a file for every row. To decide if the part that was read is still on disk, it is read again; sizes and times
+//! are not enough.
 
 use std::fs::{File, Metadata};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
@@ -20,14 +20,14 @@ use crate::bytes::source::{MAGIC_BYTES, is_plain};
 use crate::rejection::Rejection;
 use armwatch_model::run::{ContentPrefix, FileId};
 
-/// What a writer puts behind the name of an export to say that it is done.
+/// Suffix of the file that marks an export as complete.
 pub const DONE_MARK: &str = ".done";
 
-/// Bytes read at once when a content is read again for its hash.
+/// Bytes per read when a content is read again for its hash.
 const REREAD_BYTES: usize = 1 << 20;
 
-/// The bytes of a file that may still grow. At their end [`Read`] says
-/// [`ErrorKind::WouldBlock`] until the file is known to be done.
+/// The bytes of a file that may still grow. At their end [`Read`] returns [`ErrorKind::WouldBlock`] until the file is
+/// known to be complete.
 #[derive(Debug)]
 pub struct Tail {
     file: Arc<File>,
@@ -45,18 +45,18 @@ impl Read for Tail {
     }
 }
 
-/// What a look at a growing file says.
+/// Result of a look at a growing file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fate {
     /// More may come.
     Growing,
-    /// It is done; its reader ends at the end of the file.
+    /// It is complete; its reader ends at the end of the file.
     Done,
-    /// It has become shorter than what was read of it, or another file has taken its place.
+    /// It has become shorter than the part that was read, or another file has replaced it.
     Rewritten,
 }
 
-/// Looks after a growing file beside its reader.
+/// Observes a growing file in parallel with its reader.
 #[derive(Debug)]
 pub struct Growth {
     path: PathBuf,
@@ -71,14 +71,14 @@ pub struct Growth {
 pub struct Growing {
     /// Its bytes, hashed as they are read.
     pub reader: HashingReader<Tail>,
-    /// Its fate.
+    /// Observer of its growth.
     pub growth: Growth,
 }
 
-/// Opens a file that may still grow; `None` for a compressed one, of which no part can be trusted.
+/// Opens a file that may still grow; `None` for a compressed one, because no part of it is reliable.
 ///
 /// # Errors
-/// A rejection for what is not a regular file or cannot be opened.
+/// A rejection for a path that is not a regular file or cannot be opened.
 pub fn open(path: &Path) -> Result<Option<Growing>, Rejection> {
     let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
     let mut head = Vec::new();
@@ -95,13 +95,13 @@ pub fn open(path: &Path) -> Result<Option<Growing>, Rejection> {
 }
 
 impl Growth {
-    /// Hash of what was read so far.
+    /// Hash of the part read so far.
     #[must_use]
     pub fn hash(&self) -> &RunningHash {
         &self.hash
     }
 
-    /// Number of the file, its size in bytes and time of its last change now, see [`changed_at`].
+    /// Number of the file, its size in bytes and the time of its last change, see [`changed_at`].
     ///
     /// # Errors
     /// Those of the file system.
@@ -118,13 +118,13 @@ impl Growth {
         asking(|| self.file.metadata())?.modified()
     }
 
-    /// Looks whether the file is done; to be called when all of it was read. The file is done once it stood
-    /// still for `settle` over at least two looks, or carries the mark.
+    /// Checks if the file is complete; must be called when all of it was read. The file is complete once it has not
+    /// changed for `settle` over at least two looks, or has the mark.
     ///
     /// # Errors
     /// Those of the file system.
     pub fn look(&mut self, settle: Duration, now: Instant) -> io::Result<Fate> {
-        // looked for before the size: a writer makes it after the last row
+        // read before the size: a writer creates it after the last row
         let marked = is_marked(&self.path);
         let metadata = asking(|| self.file.metadata())?;
         if metadata.len() < self.hash.bytes() || self.is_replaced(&metadata) {
@@ -141,10 +141,10 @@ impl Growth {
         Ok(Fate::Done)
     }
 
-    /// Reads again what was read of the file and says whether it is still the same.
+    /// Reads the part of the file that was read before, and returns true if it is unchanged.
     ///
     /// # Errors
-    /// Those of reading. The reader of this file gives nothing useful afterwards.
+    /// Those of reading. The reader of this file must not be used afterwards.
     pub fn is_as_read(&self) -> io::Result<bool> {
         let read = self.read_so_far();
         (&*self.file).seek(SeekFrom::Start(0))?;
@@ -154,13 +154,13 @@ impl Growth {
         Ok(hash.prefix() == read)
     }
 
-    /// What was read so far.
+    /// The part read so far.
     #[must_use]
     fn read_so_far(&self) -> ContentPrefix {
         self.hash.prefix()
     }
 
-    /// Whether this file is gone and another one has its name: it was renamed over.
+    /// Returns true if this file is gone and another one has its name: it was replaced by a rename.
     fn is_replaced(&self, ours: &Metadata) -> bool {
         ours.nlink() == 0 && metadata(&self.path).is_ok_and(|there| id_of(&there) != id_of(ours))
     }
@@ -173,15 +173,15 @@ pub(crate) fn mark_of(path: &Path) -> PathBuf {
     mark.into()
 }
 
-/// Whether the writer of an export has marked it as done, and has not written to it since: a mark that is left from
-/// an earlier export of the name says nothing of this one.
+/// Returns true if the writer of an export has marked it as complete, and has not written to it since: a mark of an
+/// earlier export with the same name does not count.
 #[must_use]
 pub fn is_marked(path: &Path) -> bool {
-    // the mark is looked at first: what is written after that look makes the file the later one
+    // the mark is read first: a write after that makes the file newer than the mark
     let Ok(marked) = metadata(&mark_of(path)) else { return false };
     match (marked.modified(), metadata(path).and_then(|file| file.modified())) {
         (Ok(marked), Ok(written)) => written <= marked,
-        // no times to compare, or a file that is renamed while it is read
+        // no times to compare, or a file that is renamed during reading
         _ => true,
     }
 }

@@ -1,7 +1,7 @@
-//! Finding exports. Events only say "look again"; the scan is what finds.
+//! Finds exports. Events only trigger a scan; the scan finds the files.
 //!
-//! Events get lost: queues overflow, and file servers report nothing that others write. A scan at
-//! start and every so often sees everything, and looking twice is harmless.
+//! Events get lost: queues overflow, and file servers report no changes by others. A periodic scan sees everything, and
+//! repeated scans are harmless.
 
 use std::collections::HashSet;
 use std::ffi::OsStr;
@@ -22,17 +22,16 @@ use crate::bytes::trace::is_trace;
 use armwatch_model::run::FileId;
 use armwatch_model::text;
 
-/// Deepest folder below a watched one. Exports lie a few folders deep; a mount inside itself would
-/// go on for ever.
+/// Deepest folder below a watched one. Exports are a few folders deep; a mount inside itself would never end.
 const MAX_DEPTH: usize = 32;
 
-/// Why a folder with more folders around it is not looked into.
+/// Why a folder at too great a depth is not scanned.
 const TOO_DEEP: &str = "a folder that lies more than 32 folders below the watched one";
 
 /// An export that a scan found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundFile {
-    /// Path, below the folder as it was given.
+    /// Path, below the folder as given.
     pub path: PathBuf,
     /// Size, bytes.
     pub size: u64,
@@ -40,26 +39,26 @@ pub struct FoundFile {
     pub modified: SystemTime,
     /// Number of the file in its file system.
     pub file: FileId,
-    /// Its writer has marked it as done, see [`is_marked`].
+    /// True if its writer has marked it as complete, see [`is_marked`].
     pub is_marked: bool,
-    /// How long it waits for parts of its recording that are missing.
+    /// Time that it waits for missing parts of its recording.
     pub wait: Duration,
 }
 
-/// What a scan saw.
+/// Result of a scan.
 #[derive(Debug, Default)]
 pub struct Scan {
-    /// Exports, by file name and then by path, so that every scan gives the same order.
+    /// Exports, sorted by file name and then by path, so that every scan gives the same order.
     pub files: Vec<FoundFile>,
-    /// Folders and files that could not be looked at.
+    /// Unreadable folders and files.
     pub unreadable: Vec<UnreadablePlace>,
     /// Skipped places, which may contain exports.
     pub skipped: Vec<Skipped>,
-    /// Folders that were read: each with the path that led to it, and with its path without links.
+    /// Folders that were read: each with its path from the given folder, and its path without links.
     pub folders: Vec<(PathBuf, PathBuf)>,
 }
 
-/// A place that could not be looked at.
+/// An unreadable place.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {error}; check that it exists and that this user may read it", text::of_path(path))]
 pub struct UnreadablePlace {
@@ -79,7 +78,7 @@ pub enum Skipped {
         /// Its final target.
         target: PathBuf,
     },
-    /// A folder with too many folders around it.
+    /// A folder at too great a depth.
     TooDeep {
         /// The folder.
         path: PathBuf,
@@ -106,7 +105,7 @@ impl Skipped {
         }
     }
 
-    /// The reason alone. It does not name the target of a link, which is no concern of all readers.
+    /// The reason alone. It does not name the target of a link, which not all readers may know.
     #[must_use]
     pub fn problem(&self) -> &'static str {
         match self {
@@ -131,18 +130,18 @@ impl fmt::Display for Skipped {
     }
 }
 
-/// Looks through `folders` and their subfolders for exports, see [`is_export`].
+/// Scans `folders` and their subfolders for exports, see [`is_export`].
 ///
 /// Hidden subfolders are skipped. Links are followed if `follow_links`; otherwise a link to an export inside the same
-/// folder counts as the export, and links that lead out of it are [`Skipped`]. Each folder is looked into once, so a loop
-/// of links ends here. A path in `folders` that is a file is taken as it is, whatever its name, because a person named it;
-/// so is a folder that is a link. A file below two of the folders comes once.
+/// folder counts as the export, and links that lead out of it are [`Skipped`]. Each folder is read once, which ends a
+/// loop of links. A path in `folders` that is a file is accepted with any name, because a person named it; so is a
+/// folder that is a link. A file below two of the folders is returned once.
 #[must_use]
 pub fn scan(folders: &[PathBuf], follow_links: bool) -> Scan {
     scan_saying(folders, follow_links, &|| ())
 }
 
-/// As [`scan`]; calls `goes_on` before each call to the file system, since any of them can hang.
+/// Like [`scan`]; calls `goes_on` before each call to the file system, since any of them can hang.
 #[must_use]
 pub fn scan_saying(folders: &[PathBuf], follow_links: bool, goes_on: &dyn Fn()) -> Scan {
     let mut scan = Scan::default();
@@ -164,7 +163,7 @@ pub fn scan_saying(folders: &[PathBuf], follow_links: bool, goes_on: &dyn Fn()) 
 }
 
 impl FoundFile {
-    /// Files are sorted by this: name, path.
+    /// Sort key of files: name, path.
     #[must_use]
     pub fn order(&self) -> (Option<&OsStr>, &Path) {
         (self.path.file_name(), &self.path)
@@ -184,7 +183,7 @@ struct Walk<'w> {
 impl Scan {
     fn folder(&mut self, folder: &Path, depth: usize, walk: &mut Walk<'_>) {
         (walk.goes_on)();
-        // Overlapping watch folders, and the same folder by two spellings, are looked at once.
+        // Overlapping watch folders, and the same folder with two spellings, are read once.
         if let Ok(real) = fs::canonicalize(folder) {
             if !walk.seen.insert(real.clone()) {
                 return;
@@ -225,7 +224,7 @@ impl Scan {
                         let is_marked = is_marked();
                         self.file(path, &metadata, is_marked);
                     }
-                    // Gone since the folder was listed: not there is not wrong.
+                    // Deleted since the folder was listed: that is not an error.
                     Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                     Err(error) => self.unreadable.push(UnreadablePlace { path, error }),
                 }
@@ -233,19 +232,19 @@ impl Scan {
         }
     }
 
-    /// Looks at a link in a folder.
+    /// Processes a link in a folder.
     fn link(&mut self, path: PathBuf, depth: usize, walk: &mut Walk<'_>, marks: &HashSet<PathBuf>) {
         (walk.goes_on)();
         let is_named = is_export(&path) || is_trace(&path);
         let looked = fs::canonicalize(&path).and_then(|target| Ok((fs::metadata(&target)?, target)));
         let (metadata, target) = match looked {
             Ok(looked) => looked,
-            // A link to nothing: not there is not wrong.
+            // A dangling link: that is not an error.
             Err(error) if !is_named || error.kind() == io::ErrorKind::NotFound => return,
             Err(error) => return self.unreadable.push(UnreadablePlace { path, error }),
         };
         let is_inside = walk.root.as_ref().is_some_and(|root| target.starts_with(root));
-        // a folder inside is found by its own path
+        // the scan finds a folder inside by its own path
         if metadata.is_dir() && (is_inside || is_hidden(&path)) || !metadata.is_dir() && !is_named {
             return;
         }
@@ -268,8 +267,7 @@ impl Scan {
     }
 }
 
-/// Remembers which places were complained about, so that a folder that stays unreadable is warned
-/// of once and not at every scan.
+/// Remembers the reported places, so that a folder that stays unreadable is reported once instead of at every scan.
 #[derive(Debug, Default)]
 pub struct Complaints {
     unreadable: HashSet<PathBuf>,
@@ -277,14 +275,14 @@ pub struct Complaints {
 }
 
 impl Complaints {
-    /// Those of a scan's unreadable places that are new; places that have recovered are forgotten.
+    /// The new ones among a scan's unreadable places; forgets places that have recovered.
     pub fn fresh<'s>(&mut self, scan: &'s Scan) -> Vec<&'s UnreadablePlace> {
         let fresh = scan.unreadable.iter().filter(|place| !self.unreadable.contains(&place.path)).collect();
         self.unreadable = scan.unreadable.iter().map(|place| place.path.clone()).collect();
         fresh
     }
 
-    /// As [`Complaints::fresh`], of skipped places.
+    /// Like [`Complaints::fresh`], for skipped places.
     pub fn newly_skipped<'s>(&mut self, scan: &'s Scan) -> Vec<&'s Skipped> {
         let fresh = scan.skipped.iter().filter(|place| !self.skipped.contains(place.path())).collect();
         self.skipped = scan.skipped.iter().map(|place| place.path().to_owned()).collect();
@@ -306,8 +304,8 @@ impl Complaints {
 
 /// Keeps the watch alive; dropping it ends the hints.
 ///
-/// The guard holds the sender of the hints, also without any watch: then no hint comes and the periodic scan alone finds
-/// files.
+/// The guard keeps the sender of the hints, even if nothing is watched: then no hint arrives and only the periodic scan
+/// finds files.
 #[derive(Debug)]
 pub struct FolderWatch {
     watcher: Option<RecommendedWatcher>,
@@ -320,23 +318,22 @@ pub struct FolderWatch {
 /// Sender and receiver of hints. A hint that arrives while one is waiting merges with it.
 #[must_use]
 pub fn hints() -> (mpsc::Sender<()>, mpsc::Receiver<()>) {
-    // One place: a second hint says nothing that the first does not.
+    // One slot: a second hint adds no information.
     mpsc::channel(1)
 }
 
 /// Watches `folders` with their subfolders. A hint means: scan again.
 ///
-/// Nothing fails: where the system's watch is not to be had, a warning says so and the periodic scan
-/// goes on. A folder that is missing is not created, since a misspelt path or an absent mount would
-/// go unnoticed; [`FolderWatch::watch_missing`] takes it up once it is there. A folder that does not answer blocks the
-/// caller and the hints of the other folders.
+/// This never fails: if the system offers no watch, it logs a warning, and the periodic scan continues. A missing
+/// folder is not created, since that would hide a misspelt path or an absent mount; [`FolderWatch::watch_missing`] adds
+/// it once it exists. A folder that does not answer blocks the caller and the hints of the other folders.
 #[must_use]
 pub fn watch_folders(folders: &[PathBuf], sender: mpsc::Sender<()>) -> FolderWatch {
     let hints = sender.clone();
     let handler = move |event: notify::Result<notify::Event>| {
-        // An error may be a full queue: looking again is right then too.
+        // An error may be a full queue: a scan is right then too.
         if event.as_ref().map_or(true, is_change) {
-            // A full channel already holds the hint; a closed one has nobody left to look.
+            // A full channel already contains the hint; with a closed one, no scanner is left.
             let _ = hints.try_send(());
         }
     };
@@ -358,14 +355,14 @@ pub fn watch_folders(folders: &[PathBuf], sender: mpsc::Sender<()>) -> FolderWat
 }
 
 impl FolderWatch {
-    /// Tries again to watch folders that could not be watched so far; to be called at each periodic
-    /// scan. Each folder is warned of once.
+    /// Tries again to watch the folders that could not be watched so far; must be called at each periodic scan. Warns
+    /// of each folder once.
     pub fn watch_missing(&mut self) {
         let Some(watcher) = &mut self.watcher else { return };
-        // A folder that was removed has lost its watch with it.
+        // A deleted folder has lost its watch.
         self.watched.retain(|folder| folder.is_dir());
         for folder in &self.folders {
-            // the scan says that a folder is not there, and what to do
+            // the scan reports a missing folder, and the remedy
             if self.watched.contains(folder) || !folder.exists() {
                 continue;
             }
@@ -394,8 +391,8 @@ impl FolderWatch {
     }
 }
 
-/// Whether an event may mean a new or changed file. Opening and reading do not: the scan itself
-/// opens folders and would wake itself for ever.
+/// Returns true if an event may mean a new or changed file. Opening and reading do not count: the scan itself opens
+/// folders and would trigger itself for ever.
 fn is_change(event: &notify::Event) -> bool {
     match event.kind {
         EventKind::Access(kind) => kind == AccessKind::Close(AccessMode::Write) || event.need_rescan(),
@@ -413,7 +410,7 @@ mod tests {
 
     use super::*;
 
-    /// How long a test waits for an event that must come; inotify takes milliseconds.
+    /// Longest wait of a test for an expected event; inotify takes milliseconds.
     const DEADLINE: Duration = Duration::from_secs(20);
 
     struct Tree(tempfile::TempDir);

@@ -1,9 +1,9 @@
-//! Several arms in one export, told apart by a word in the names of their columns.
+//! Several arms in one export, distinguished by a word in the names of their columns.
 
 use super::names::{self, Kind};
 use super::sets::Set;
 
-/// Words of sides; those of an export are of one row.
+/// Words for sides; those of an export come from one row.
 const SIDES: [&[&str]; 6] = [
     &["left", "right"],
     &["l", "r"],
@@ -16,10 +16,10 @@ const SIDES: [&[&str]; 6] = [
 /// Words before the number of an arm.
 const ARMS: [&str; 5] = ["arm", "robot", "rob", "manipulator", "roboter"];
 
-/// The tokens that tell an arm: a side, or a word and a number.
+/// The tokens of an arm: a side, or a word and a number.
 pub(super) type Arm = Vec<String>;
 
-/// The arms of an export, if several have measured positions and torques; none of an export of one arm.
+/// The arms of an export, if several have measured positions and torques; empty for an export of one arm.
 pub(super) fn arms(sets: &[Set]) -> Vec<Arm> {
     let of = |kinds: &[Kind]| -> Vec<Arm> {
         let mut found: Vec<Arm> = sets
@@ -42,7 +42,7 @@ pub(super) fn arms(sets: &[Set]) -> Vec<Arm> {
     if both.len() > 1 && (is_numbered || SIDES.iter().any(|words| is_of(words))) { both } else { Vec::new() }
 }
 
-/// Whether a set of columns is of this arm, or says none.
+/// Returns true if a set of columns belongs to this arm, or to none.
 pub(super) fn is_of(set: &Set, arm: &Arm) -> bool {
     arm_of(&set.template).is_none_or(|own| own == *arm)
 }

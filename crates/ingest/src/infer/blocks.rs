@@ -26,7 +26,7 @@ struct MotionBlocks {
     joints: usize,
 }
 
-/// The joints' columns by how they go with each other, else by their place.
+/// The joints' columns by their relations, otherwise by their position.
 pub(super) fn by_motion<'h>(head: &'h Head, hints: Hints<'_>) -> Joints<'h> {
     let columns: Vec<Option<&[f64]>> = head.columns.iter().map(values).collect();
     let known = hints.robot.map(Robot::joint_count);
@@ -62,7 +62,7 @@ fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Opti
         let links: Vec<Link> = (0..width).map_while(|at| follows(at, distance)).collect();
         for start in 0..links.len() {
             let run = links[start..].iter().take_while(|link| **link != Link::None).take(distance);
-            // grippers that rest before or behind the joints are none of them
+            // grippers that rest before or after the joints are not part of them
             let moving = run.enumerate().filter(|(_, link)| **link == Link::Derivative);
             let longest = moving.map(|(at, _)| at + 1).last().unwrap_or(0);
             if known.is_none() && links[start] != Link::Derivative {
@@ -167,7 +167,7 @@ fn of_blocks<'h>(
     Joints { position, velocity, torque, count: n, others }
 }
 
-/// True of a column that may hold torques: no time, counter or stage.
+/// Returns true if a column may contain torques: no time, counter or stage.
 fn may_be_torque(values: Option<&[f64]>) -> bool {
     values.is_some_and(|values| {
         let whole = stages::alphabet(values).is_some_and(|alphabet| alphabet.len() > 1);
@@ -175,8 +175,8 @@ fn may_be_torque(values: Option<&[f64]>) -> bool {
     })
 }
 
-/// Positions first, then torques, if no column is the derivative of another. Only their place says so, and each is a
-/// question.
+/// Positions first, then torques, if no column is the derivative of another. The position is the only evidence, so each
+/// is a question.
 fn by_place<'h>(head: &'h Head, columns: &[Option<&'h [f64]>], n: usize) -> Joints<'h> {
     let first = columns.iter().take(3).position(|values| values.is_some() && !rises(*values)).unwrap_or(0);
     let question = "no column is the derivative of another, so only their place says so: positions first, then torques. Is \

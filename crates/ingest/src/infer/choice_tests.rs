@@ -1,4 +1,4 @@
-//! Which of several columns a proposal takes, and what it asks.
+//! Tests which of several columns a proposal selects, and its questions.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -23,7 +23,7 @@ fn motion(row: usize, joint: usize) -> [f64; 4] {
     [q, v, a, 3.0 * a + 2.0 * v + 10.0 * q.sin()]
 }
 
-/// What a column holds: time, a channel of [`motion`] of a joint, a constant, or one of a few values.
+/// Content of a column: time, a channel of [`motion`] of a joint, a constant, or one of a few values.
 #[derive(Clone, Copy)]
 enum Of {
     Time,
@@ -336,7 +336,7 @@ fn blocks_without_names_are_found_by_their_derivatives() {
             "6",
             "10",
         ),
-        // a joint that rests
+        // a resting joint
         (
             nameless(&[
                 &[Time],
@@ -368,7 +368,7 @@ fn blocks_without_names_are_found_by_their_derivatives() {
             assert!(found.questions > 0 && (hints.robot.is_some() || found.questions >= 3), "{}", found.toml);
         }
     }
-    // nothing proves what these are: torques never without a question
+    // there is no proof of their meaning: torques never without a question
     let found = proposed(&nameless(&[&[Time], &block(0), &block(3)]), hints);
     assert!(words_of(&found.toml).contains("only their place says so"), "{}", found.toml);
     let found = proposed(&nameless(&[&[Time], &block(0), &block(2), &block(3)]), hints);
@@ -390,7 +390,7 @@ fn joints_that_are_named_and_not_numbered_are_found() {
         |joint, quantity| format!("/joint_states/{joint}/{quantity}"),
         |joint, quantity| format!("{quantity}.{joint}"),
     ];
-    // as some recorders write it: in alphabetical order
+    // like some recorders: in alphabetical order
     let sorted = [1, 0, 2];
     let robot = arm(Some(names));
     for spell in spelling {
@@ -414,7 +414,7 @@ fn joints_that_are_named_and_not_numbered_are_found() {
         assert_eq!(first_of(&layout.torque.columns), spell(names[0], "effort"));
         let temperature = layout.motor_temperature.as_ref().expect("one per joint");
         assert_eq!(first_of(&temperature.columns), spell(names[0], "temperature"));
-        // the order is a question without the names of the joints
+        // without the names of the joints, the order is a question
         for robot in [None, Some(arm(None))] {
             let found = proposed(&columns, Hints { robot: robot.as_ref(), ..Hints::default() });
             assert_eq!(found.questions, 4, "{}", found.toml);

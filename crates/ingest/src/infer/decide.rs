@@ -1,4 +1,4 @@
-//! What is known of an export's columns, put together to a layout with reasons.
+//! Combines the evidence about an export's columns to a layout with reasons.
 
 use super::arms::{Arm, is_of};
 use super::blocks::by_motion;
@@ -18,7 +18,7 @@ use super::stage_sections::{optional_section, signals, stage_section};
 use super::temperatures::temperatures;
 use super::topic_echo::{self, TopicEcho, topic_echo};
 
-/// What is proposed for an export.
+/// Proposal for an export.
 #[derive(Default)]
 pub(super) struct Decided {
     pub(super) sections: Vec<Section>,
@@ -28,7 +28,8 @@ pub(super) struct Decided {
     pub(super) shipped: Option<&'static str>,
 }
 
-/// The sections of a layout file for the export. Of several arms, the columns of `arm` and those that say none are taken.
+/// The sections of a layout file for the export. If there are several arms, it uses the columns of `arm` and those
+/// without an arm.
 pub(super) fn propose(head: &Head, hints: Hints<'_>, arm: Option<&Arm>) -> Decided {
     let echo = topic_echo(head, hints.robot);
     if let Some(decided) = echo.and_then(|echo| of_topic_echo(head, hints, &echo)) {

@@ -1,4 +1,4 @@
-//! Files in an odd form: the proposal reads its own file, or says what is wrong.
+//! Files in an unusual form: the proposal reads its own file, or reports the problem.
 
 use std::path::Path;
 
@@ -78,7 +78,7 @@ fn a_column_without_a_name_and_names_that_are_there_twice_do_not_disturb() {
         let found = proposed(&text);
         assert_eq!(rows(&text, &found) as usize, text.lines().count() - 1, "{}", found.toml);
     }
-    // a number in front of the first name: nothing tells which name belongs to which column
+    // a number before the first name: the names cannot be assigned to columns
     let text = changed(|at, line| if at == 0 { line.to_owned() } else { format!("{at},{line}") });
     let found = proposed(&text);
     assert!(found.questions > 0 && found.toml.contains("header = false"), "{}", found.toml);
@@ -170,7 +170,7 @@ fn a_row_that_is_there_twice_is_no_counter_that_began_anew() {
 
 #[test]
 fn without_names_several_columns_of_few_values_are_a_question() {
-    // stages, cycles, joints and levels, as a whole test has them
+    // stages, cycles, joints and levels, like in a whole test
     let text = changed(|at, line| {
         let cells: Vec<&str> = line.rsplitn(4, ',').collect();
         format!("{},{},{},{}", cells[3], at / 700 + 1, if at % 500 < 250 { 0 } else { 2 }, at / 100 % 3)

@@ -16,54 +16,54 @@ use crate::table::column_map::MAX_COLUMNS;
 use crate::table::fields::fields;
 use armwatch_config::{BLANKS, DecimalMark, TextEncoding};
 
-/// Bytes of text that are looked at: a cycle of the full test of a six-axis arm and more.
+/// Bytes of text that are examined: at least a cycle of the full test of a six-axis arm.
 const HEAD_BYTES: u64 = 24 << 20;
 
-/// Lines from which delimiter and decimal mark are told.
+/// Lines that determine delimiter and decimal mark.
 const FORMAT_LINES: usize = 400;
 
 /// Fewest columns of a table: time, a position and a torque.
 const LEAST_COLUMNS: usize = 3;
 
-/// Cells of rows that are looked at, which bounds the memory of their numbers: a table with as many bytes of text as
-/// [`HEAD_BYTES`] has more only where its cells are shorter than numbers of a recording are.
+/// Cells of rows that are examined, which bounds the memory of their numbers: a table with [`HEAD_BYTES`] of text has
+/// more only if its cells are shorter than the numbers of a recording.
 const MOST_CELLS: usize = 4 << 20;
 
-/// Most different words of a column that may tell stages.
+/// Most different words of a column that may represent stages.
 const MOST_WORDS: usize = 16;
 
-/// Share of the rows that must hold a number for a column to be one of numbers.
+/// Least share of rows with a number for a numeric column.
 const IS_NUMERIC: f64 = 0.9;
 
-/// Largest share of cells that are no numbers, of a column of numbers.
+/// Largest share of non-numeric cells in a numeric column.
 const MOST_BAD: f64 = 0.01;
 
-/// Share of the columns of numbers that must hold one for a line to be a row.
+/// Least share of numeric columns with a number for a line to be a row.
 const ROW_SHARE: f64 = 0.75;
 
-/// Last records above the rows that may hold the names.
+/// Last records above the rows that may contain the names.
 const MOST_ABOVE: usize = 32;
 
 /// Most lines of one record: names with line ends in them.
 const MOST_LINES: usize = 200;
 
-/// Most bytes of one record that is put together from lines.
+/// Most bytes of one record that is joined from lines.
 const LONGEST_RECORD: usize = 1 << 20;
 
-/// Numbers that are kept of a column in which not every cell is one: enough for their range.
+/// Numbers that a column with other cells keeps: enough for their range.
 const KEPT_NUMBERS: usize = 4096;
 
-/// The first rows, and how they are written.
+/// The first rows, and their format.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Head {
     pub(super) encoding: Found,
     pub(super) delimiter: u8,
     pub(super) decimal: DecimalMark,
-    /// Whether there is a line of names.
+    /// True if there is a line of names.
     pub(super) header: bool,
     /// Why the layout cannot use that line and gives columns by number.
     pub(super) by_number: Option<&'static str>,
-    /// Whether that line stands behind the sign of a comment.
+    /// True if that line begins with a comment sign.
     pub(super) commented_header: bool,
     /// Lines before the header that are neither blank nor comments.
     pub(super) skip_lines: usize,
@@ -77,21 +77,21 @@ pub(super) struct Head {
 /// A column.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct HeadColumn {
-    /// Name in the header; its number where there is none.
+    /// Name in the header; its number if there is no name.
     pub(super) name: String,
-    /// What a line under the header says of it.
+    /// Text of the line below the header.
     pub(super) under: String,
-    /// Its numbers, if nearly all cells are numbers; of dates and times, s from the first.
+    /// Its numbers, if nearly all cells are numbers; for dates and times, s from the first.
     pub(super) values: Option<Vec<f64>>,
-    /// The first of its numbers, whatever else stands in it.
+    /// The first of its numbers, whatever the other cells are.
     pub(super) numbers: Vec<f64>,
-    /// Cells among them that are no numbers; the number before stands in their place.
+    /// Cells among them that are not numbers; each has the number before it as its value.
     bad: usize,
-    /// The forms in which all cells are times, of a column of text.
+    /// The forms that read all cells as times, for a column of text.
     pub(super) time_forms: TimeForms,
     /// The first of its cells.
     pub(super) cells: Vec<String>,
-    /// Where the cells are few different words.
+    /// The words, if the cells are few different words.
     pub(super) words: Option<Words>,
 }
 
@@ -100,7 +100,7 @@ pub(super) struct HeadColumn {
 pub(super) struct Words {
     /// The different words in their order.
     pub(super) words: Vec<String>,
-    /// Place of each row's word among them, `[rows]`.
+    /// Index of each row's word among them, `[rows]`.
     pub(super) rows: Vec<u8>,
 }
 
@@ -110,7 +110,7 @@ impl HeadColumn {
         self.cells.first().map_or("", String::as_str)
     }
 
-    /// Notes a cell, of a column that may be one of words.
+    /// Notes a cell of a possible column of words.
     fn note_word(&mut self, cell: &str) {
         let Some(Words { words, rows }) = &mut self.words else { return };
         let last = rows.last().copied().filter(|last| words[usize::from(*last)] == cell);
@@ -128,12 +128,12 @@ impl HeadColumn {
 }
 
 impl Head {
-    /// Names of the columns in their order; numbers where there are none.
+    /// Names of the columns in their order; numbers if there are no names.
     pub(super) fn names(&self) -> Vec<&str> {
         self.columns.iter().map(|column| column.name.as_str()).collect()
     }
 
-    /// A column as a layout gives it: by name, or by number where the name does not tell it from others.
+    /// A column in the form of a layout: by name, or by number if the name is not unique.
     pub(super) fn reference(&self, column: usize) -> String {
         match self.has_plain_name(column) {
             true => quoted(&self.columns[column].name),
@@ -141,7 +141,7 @@ impl Head {
         }
     }
 
-    /// Whether a layout can give a column by its name.
+    /// Returns true if a layout can refer to a column by its name.
     pub(super) fn has_plain_name(&self, column: usize) -> bool {
         let name = &self.columns[column].name;
         self.header
@@ -155,7 +155,7 @@ impl Head {
 /// Reads the head of an export.
 ///
 /// # Errors
-/// A rejection of a file that cannot be read or holds no table of numbers.
+/// A rejection of a file that is unreadable or contains no table of numbers.
 pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
     let mut text_reader = TextReader::new(reader, TextEncoding::Auto);
     let mut bytes = Vec::new();
@@ -172,7 +172,7 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
         Some(end) if is_cut || !text.ends_with('\n') => &text[..=end],
         _ => &text,
     };
-    // never together: of text that is nothing but line ends, they would take 16 times its bytes
+    // never collected: for a text of line ends only, they would take 16 times its bytes
     let lines = || whole.lines().map(|line| line.trim_end_matches('\r'));
     let no_table = || {
         Rejection::of_file(
@@ -196,13 +196,13 @@ struct HeadFormat {
     delimiter: u8,
     decimal: DecimalMark,
     fields: usize,
-    /// Whether each column holds numbers, as most rows tell.
+    /// True for each column with numbers in most rows.
     numeric: Vec<bool>,
 }
 
 impl HeadFormat {
-    /// Whether a line is a row: as many fields, with numbers where most rows have them. A line of metadata may have
-    /// numbers in half of its fields.
+    /// Returns true if a line is a row: it has as many fields, with numbers where most rows have them. A line of
+    /// metadata may have numbers in half of its fields.
     fn is_row(&self, line: &str) -> bool {
         let mut count = 0;
         let cells = fields(line, self.delimiter).inspect(|_| count += 1).zip(&self.numeric);
@@ -218,9 +218,9 @@ impl HeadFormat {
     }
 }
 
-/// The delimiter and decimal mark that make most numbers of the first lines, in rows of equally many fields.
+/// The delimiter and decimal mark that give most numbers in the first lines, in rows with equal numbers of fields.
 fn format(sample: &[&str]) -> Option<HeadFormat> {
-    // From the end of the sample, where no header stands.
+    // The second half of the sample contains no header.
     let sample = &sample[sample.len() / 2..];
     let candidates = [b';', b'\t', b'|', b',', BLANKS]
         .into_iter()
@@ -240,7 +240,7 @@ fn format(sample: &[&str]) -> Option<HeadFormat> {
                 *numbers += usize::from(cell::number(cell, decimal).is_ok());
             }
         }
-        // not of all lines: of a short file, names are among them
+        // not a share of all lines: in a short file, names are among them
         let most = numbers.iter().copied().max().unwrap_or(0);
         let least = IS_NUMERIC * most as f64;
         let numeric: Vec<bool> = numbers.iter().map(|of| *of > 0 && *of as f64 >= least).collect();
@@ -250,12 +250,12 @@ fn format(sample: &[&str]) -> Option<HeadFormat> {
         let format = HeadFormat { delimiter, decimal, fields: usual, numeric };
         (enough && all > 0).then_some((all, format))
     });
-    // Of equals the first: points before commas, where all numbers are whole.
+    // The first of equal candidates: points before commas if all numbers are whole.
     let best = judged.reduce(|best, next| if next.0 > best.0 { next } else { best });
     best.map(|(_, format)| format)
 }
 
-/// A line above the rows, or several that quotes join.
+/// A line above the rows, or several lines joined by quotes.
 #[derive(Debug)]
 struct Record<'t> {
     text: Cow<'t, str>,
@@ -267,7 +267,7 @@ impl Record<'_> {
         self.text.trim_start().starts_with('#')
     }
 
-    /// Whether a reader of layouts counts the line: neither blank nor a comment.
+    /// Returns true if a reader of layouts counts the line: neither blank nor a comment.
     fn is_counted(&self) -> bool {
         !self.text.trim().is_empty() && !self.is_comment()
     }
@@ -280,10 +280,10 @@ impl Record<'_> {
     }
 }
 
-/// What stands above the rows.
+/// The records above the rows.
 #[derive(Debug, Default)]
 struct Above<'t> {
-    /// Lines before the records that are kept, and whether a reader counts any of them.
+    /// Lines before the kept records, and true if a reader counts any of them.
     dropped: usize,
     is_dropped_counted: bool,
     /// The last records.
@@ -301,7 +301,7 @@ impl<'t> Above<'t> {
         }
     }
 
-    /// The record of names: the one that says most of as many columns as the rows have, the last line excepted.
+    /// The record of names: the one with most names in as many columns as the rows have, except the last line.
     fn names(&self, format: &HeadFormat) -> Option<usize> {
         let says = |record: &Record<'_>| -> Option<(usize, usize)> {
             let cells = record.cells(format);
@@ -312,7 +312,7 @@ impl<'t> Above<'t> {
             (fits && words > 0).then_some((known, words))
         };
         let all = self.records.iter().enumerate().filter_map(|(at, record)| Some((says(record)?, at)));
-        // of equals the first: units stand below names
+        // the first of equal candidates: units are below names
         all.max_by_key(|(says, at)| (*says, std::cmp::Reverse(*at))).map(|(_, at)| at)
     }
 
@@ -321,7 +321,7 @@ impl<'t> Above<'t> {
     }
 }
 
-/// The next record: a line, or as many as its quotes hold together above the first row.
+/// The next record: a line, or several lines that quotes join, above the first row.
 fn record<'t>(
     first: &'t str,
     lines: &mut Peekable<impl Iterator<Item = &'t str>>,
@@ -399,7 +399,7 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: HeadFormat, encod
         let (forms, times) = TimeForms::of(&column.cells);
         (column.time_forms, column.values) = (forms, times);
     }
-    // a reader counts the fields of the header, and reads it line by line
+    // a reader counts the fields of the header, which it reads line by line
     let is_used = |column: &HeadColumn| !column.first().is_empty() || !column.numbers.is_empty();
     let used = columns.iter().rposition(is_used).map_or(0, |last| last + 1);
     let is_short = names.as_ref().is_some_and(|names| names.len() < used);
@@ -408,13 +408,13 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: HeadFormat, encod
         1 => None,
         _ => Some("the names have line ends in them"),
     });
-    // a note behind the last name leaves the names in their places; a number may be a column before the first
+    // a note after the last name leaves the names in place; a number may belong to a column before the first
     let header = names.is_some() && !(is_short && columns[used - 1].values.is_some());
     if !header {
         columns.iter_mut().enumerate().for_each(|(at, column)| column.name = (at + 1).to_string());
     }
     let first = at.filter(|_| by_number.is_none()).unwrap_or(above.records.len());
-    // Comments are skipped by themselves; other lines are counted from the start of the file.
+    // Readers skip comments automatically; they count other lines from the start of the file.
     let is_counted = above.is_dropped_counted || above.records.range(..first).any(Record::is_counted);
     let is_skipped = is_counted || (by_number.is_some() && !above.records.is_empty());
     let below = if first < above.records.len() { first + 1 } else { first };

@@ -1,4 +1,4 @@
-//! Which columns of an export are the joints', and which is time.
+//! Finds the joints' columns and the time column of an export.
 
 use super::head::{Head, HeadColumn};
 use super::names::{Kind, Said};
@@ -6,10 +6,10 @@ use super::sets::{ORDER_QUESTION, Order, Set};
 use super::{names, units};
 use armwatch_model::robot::Robot;
 
-/// Columns of one quantity, one a joint.
+/// Columns of one quantity, one per joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Found<'h> {
-    /// Where they stand in the export.
+    /// Their indices in the export.
     pub(super) columns: Vec<usize>,
     /// Key and value of the layout.
     pub(super) key: (&'static str, String),
@@ -43,14 +43,14 @@ pub(super) fn values(column: &HeadColumn) -> Option<&[f64]> {
     column.values.as_deref()
 }
 
-/// A set that may hold a quantity, with the evidence for it.
+/// A set of columns that may be a quantity, with its evidence.
 struct Candidate<'s, 'h> {
     set: &'s Set,
     said: Said,
     values: Vec<&'h [f64]>,
-    /// Columns that hold one value throughout.
+    /// Number of constant columns.
     still: usize,
-    /// Positions whose derivative is recorded, or velocities that are the derivative of the positions.
+    /// True for positions whose derivative is recorded, and for velocities that are the derivative of the positions.
     follows: bool,
 }
 
@@ -58,7 +58,7 @@ struct Candidate<'s, 'h> {
 pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -> Joints<'h> {
     let numeric = |set: &&Set| set.columns.iter().all(|column| head.columns[*column].values.is_some());
     let of = |kind: Kind| sets.iter().filter(numeric).filter(move |set| set.said.kind == Some(kind));
-    // a log may have no positions: then the other columns tell how many joints there are
+    // a log may have no positions: the other columns then give the number of joints
     let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
     let usual = |kind: Kind| {
         let best = of(kind)
@@ -109,7 +109,7 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -
     Joints { position, velocity, torque, count, others }
 }
 
-/// The most likely candidate, with a question where another may be meant or none was measured.
+/// The most likely candidate, with a question if another is possible or none was measured.
 fn chosen<'h>(
     head: &'h Head,
     count: usize,
@@ -136,7 +136,7 @@ fn chosen<'h>(
              calculates shows no wear. Are these the measured {what}?"
         ));
     }
-    // next to a measured channel that moves, a channel of intent is no second candidate
+    // next to a moving measured channel, an unmeasured one is not a candidate
     let rivals = others
         .iter()
         .filter(|of| best.said.intent.is_some() || of.said.intent.is_none() || best.still > of.still);
@@ -180,13 +180,13 @@ fn chosen<'h>(
 /// Quantity of columns that are the derivative of the velocities, whatever their name.
 pub(super) const ACCELERATION: &str = "an acceleration, the derivative of the velocities";
 
-/// True of a column that holds one value throughout.
+/// Returns true if a column is constant.
 pub(super) fn is_still(values: &[f64]) -> bool {
     values.windows(2).all(|pair| pair[0] == pair[1])
 }
 
-/// True of columns that are the derivative of others, by one factor in most that move. Torques may follow
-/// accelerations too, but each joint by its own inertia.
+/// Returns true if columns are the derivative of others, with one factor in most moving ones. Torques may follow
+/// accelerations too, but with a different inertia for each joint.
 pub(super) fn is_derivative_of_all(columns: &[&[f64]], derivatives: &[&[f64]]) -> bool {
     let moving = columns.iter().filter(|values| !is_still(values)).count();
     let slopes =
@@ -198,7 +198,7 @@ pub(super) fn is_derivative_of_all(columns: &[&[f64]], derivatives: &[&[f64]]) -
     2 * alike > moving && alike > 1
 }
 
-/// Largest relative difference between the factors of joints that count as one.
+/// Largest relative difference between the factors of joints that count as equal.
 const ONE_FACTOR: f64 = 0.05;
 
 fn named(set: &Set, said: &Said) -> String {
@@ -212,21 +212,21 @@ fn named(set: &Set, said: &Said) -> String {
     format!("the name {name} says so{side}{unit}")
 }
 
-/// Whether a column rises from row to row.
+/// Returns true if a column rises from row to row.
 pub(super) fn rises(values: Option<&[f64]>) -> bool {
     values.is_some_and(|values| values.len() > 1 && values.windows(2).all(|pair| pair[0] < pair[1]))
 }
 
-/// Whether a column rises but for a few places where a counter may begin anew.
+/// Returns true if a column rises except at a few places, such as restarts of a counter.
 fn nearly_rises(values: &[f64]) -> bool {
     let falls = values.windows(2).filter(|pair| pair[0] >= pair[1]).count();
     values.len() > 1 && falls * 1000 <= values.len()
 }
 
-/// The column of time, and what stands beside it.
+/// The time column, and the columns related to it.
 pub(super) struct Time<'h> {
     pub(super) column: Option<(usize, &'h [f64])>,
-    /// Columns that are called a time and cannot be read as one.
+    /// Columns with the name of a time that are unreadable as one.
     pub(super) unreadable: Vec<usize>,
     /// Further columns of time, each with its largest distance from the first, in its unit.
     pub(super) others: Vec<(usize, f64)>,
@@ -262,7 +262,7 @@ pub(super) fn time<'h>(head: &'h Head, joints: &Joints<'_>) -> Time<'h> {
     Time { column, unreadable, others }
 }
 
-/// Columns that rise beside the time, in steps of the same size.
+/// Columns that rise like the time, in steps of the same size.
 fn other_times(candidates: &[(usize, &HeadColumn, &[f64])], time: (usize, &[f64])) -> Vec<(usize, f64)> {
     let step = units::median_step(time.1).unwrap_or(0.0);
     let is_like = |values: &[f64]| {

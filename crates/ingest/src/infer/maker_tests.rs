@@ -219,7 +219,7 @@ fn another_order_of_columns_is_the_layout_and_a_missing_channel_is_not() {
     assert!(found.shipped.is_none() && found.questions > 0, "{}", found.toml);
 }
 
-/// The following error of a drive, and the set values of a controller, are no measurements.
+/// The following error of a drive, and the set values of a controller, are not measurements.
 #[test]
 fn set_values_and_following_errors_are_no_second_candidates() {
     let text = text_of("codesys_trace.csv").replace("fActVelocity", "fSetPosition");

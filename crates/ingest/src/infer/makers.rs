@@ -1,7 +1,7 @@
 //! Exports of makers: the columns of a file are compared with those of the shipped layouts before anything is guessed.
 //!
-//! A layout fits if the file has every column that it names for time, positions, velocities and torques, and the numbers do
-//! not contradict its units. The stages come from the file, because they depend on the user's program.
+//! A layout fits if the file has every column that it names for time, positions, velocities and torques, and the
+//! numbers do not contradict its units. The stages come from the file, because they depend on the user's program.
 
 use super::head::Head;
 use super::names::{Kind, Said};
@@ -30,12 +30,12 @@ pub(super) struct Maker {
     units: LayoutUnits,
 }
 
-/// The shipped layout of a recorder whose form the file has, and whose columns the user's program names.
+/// The shipped layout of a recorder with the file's form, whose columns the user's program names.
 pub(super) fn recorder(head: &Head) -> Option<&'static str> {
     let first = head.columns.first()?.name.as_str();
     match first {
         SCOPE_TIME => Some("twincat_scope"),
-        // two lines of the project stand above the names
+        // two lines of the project are above the names
         "Cycle" if head.delimiter == BLANKS && head.skip_lines == 2 => Some("codesys_trace"),
         _ => None,
     }
@@ -69,7 +69,7 @@ impl Maker {
         self.units.time.filter(known)
     }
 
-    /// The sets of the export, those of the layout in the place of others of their quantities, with its units.
+    /// The sets of the export, with those of the layout instead of others of their quantities, with its units.
     pub(super) fn sets(&self, mut sets: Vec<Set>) -> Vec<Set> {
         if !self.channels.is_empty() {
             sets.retain(|set| quantity(set.said.kind).is_none());
@@ -99,7 +99,7 @@ impl Maker {
     }
 }
 
-/// The quantities that a layout names columns of joints for.
+/// The quantities of joint columns in layouts.
 fn quantity(kind: Option<Kind>) -> Option<Kind> {
     kind.filter(|kind| matches!(kind, Kind::Position | Kind::Velocity | Kind::Torque | Kind::Current))
 }
@@ -162,7 +162,7 @@ fn column(head: &Head, column: &Column) -> Option<usize> {
     head.has_plain_name(at).then_some(at)
 }
 
-/// Returns true for columns of joint states: positions and efforts of as many joints, named or numbered.
+/// Returns true for columns of joint states: equal numbers of positions and efforts, named or numbered.
 fn is_joint_state(head: &Head) -> bool {
     let count = |quantity: &str| {
         let numbered = |c: char| c.is_ascii_digit() || matches!(c, '[' | ']');

@@ -1,11 +1,11 @@
 //! A layout for an unknown export, proposed from its first rows, with the reasons.
 //!
-//! `makers` and `topic_echo` compare the file with the shipped layouts. `head` finds how the text is written, `names` and `words` what the names of columns say, `units` and `stages` what
-//! their numbers say. `sets` puts columns of one quantity together, `joints` chooses those of the joints by their names
-//! and `blocks` by their motion. `motion_units` finds units, `torque_size` compares torques with the arm's, and
-//! `motion_sections` and `stage_sections` write of them. `decide` puts it together, and `write` makes a layout file of
-//! it. Nothing is guessed in silence: each choice has its reason as a comment, and what cannot be decided, or has a
-//! second candidate, is a commented line with a question.
+//! `makers` and `topic_echo` compare the file with the shipped layouts. `head` finds the form of the text, `names` and
+//! `words` analyse the names of columns, `units` and `stages` their numbers. `sets` combines columns of one quantity,
+//! `joints` selects those of the joints by their names and `blocks` by their motion. `motion_units` finds units,
+//! `torque_size` compares torques with the arm's, and `motion_sections` and `stage_sections` write their sections.
+//! `decide` combines the results, and `write` makes a layout file of them. Every guess is visible: each choice has its
+//! reason as a comment, and a choice that is undecided, or has a second candidate, is a commented line with a question.
 
 mod blocks;
 mod decide;
@@ -51,17 +51,17 @@ use crate::rejection::Rejection;
 /// Proposes a layout called `name` from the first rows of an export.
 ///
 /// # Errors
-/// A rejection of a file that cannot be read or holds no table of numbers.
+/// A rejection of a file that is unreadable or contains no table of numbers.
 pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Result<Proposed, Rejection> {
     let head = head::read(reader, path)?;
     Ok(write::layout(name, path, &head, &decide::propose(&head, hints, None)))
 }
 
-/// As [`infer`], a layout for each arm with the words that tell it, such as `left`; the words are part of the layout's name. Of
-/// an export of one arm, one layout without words.
+/// Like [`infer`], with a layout for each arm and the words that identify it, such as `left`; the words are part of the
+/// layout's name. For an export of one arm, one layout without words.
 ///
 /// # Errors
-/// As [`infer`].
+/// Those of [`infer`].
 pub fn infer_each_arm(
     reader: impl Read,
     path: &Path,

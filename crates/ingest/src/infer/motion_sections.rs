@@ -15,7 +15,7 @@ use armwatch_model::robot::Robot;
 /// Currents from here on are not in A: the motors of the largest arms take some 100 A.
 const LEAST_MILLIAMPERES: f64 = 300.0;
 
-/// A number with three digits that count.
+/// A number with three significant digits.
 fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -109,7 +109,7 @@ pub(super) fn time_section(
     section
 }
 
-/// Question about a column that is called a time and cannot be read as one.
+/// Question about a column with the name of a time that is unreadable as one.
 fn unreadable_time(head: &Head, at: usize) -> String {
     let column = &head.columns[at];
     let name = head.reference(at);
@@ -137,7 +137,7 @@ fn unreadable_time(head: &Head, at: usize) -> String {
     )
 }
 
-/// Question about channels that have times of their own.
+/// Question about channels that have separate times.
 fn other_times(head: &Head, time: &Time<'_>) -> Option<String> {
     let apart = |(_, distance): &&(usize, f64)| *distance != 0.0;
     let most = time.others.iter().filter(apart).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
@@ -190,7 +190,7 @@ fn sample_rate(units: &Units, slope: Option<Slope>, hints: Hints<'_>) -> TomlKey
     }
 }
 
-/// Returns true if a falling time is the beginning of another recording. Whole numbers are more often a counter.
+/// The key for a falling time that starts another recording. Whole numbers are more often a counter.
 fn restart(values: &[f64]) -> Option<TomlKey> {
     let first = *values.first()?;
     let falls: Vec<&[f64]> = values.windows(2).filter(|pair| pair[0] > pair[1]).collect();
@@ -203,14 +203,14 @@ fn restart(values: &[f64]) -> Option<TomlKey> {
     let reason =
         format!("it falls from {} to {}, and {} times in all", falls[0][0], falls[0][1], falls.len());
     let key = TomlKey::decided("restarts", "true".to_owned()).because(&reason);
-    // a counter falls from one value
+    // a counter always falls from the same value
     Some(match falls.iter().any(|pair| (pair[0] - falls[0][0]).abs() > 2.0 * step) {
         true => key,
         false => key.asked("does the file hold several recordings, each of which begins there?"),
     })
 }
 
-/// Where the counter of a time that falls begins anew.
+/// The value after which a falling time restarts.
 fn wrap(values: &[f64]) -> Option<TomlKey> {
     let (before, after) = values.windows(2).map(|pair| (pair[0], pair[1])).find(|(a, b)| a > b)?;
     let periods = [1_u64 << 16, 1 << 31, 1 << 32];
@@ -293,7 +293,7 @@ pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slop
     Some(Section { title: Some("velocity"), comments: Vec::new(), keys })
 }
 
-/// Whether torques in Nm are by their size another quantity, or currents in A are.
+/// Returns true if torques in Nm, or currents in A, have the size of another quantity.
 pub(super) fn is_other_quantity(joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> bool {
     let Some(found) = &joints.torque else { return true };
     match found.said.unit {
@@ -340,7 +340,7 @@ fn unit_reason(found: &Found<'_>) -> &'static str {
     if found.said.is_unit_shipped { "as in the shipped layout" } else { "the name gives it" }
 }
 
-/// Whether the description turns currents into torques.
+/// Returns true if the description converts currents to torques.
 fn has_gains(hints: Hints<'_>) -> bool {
     let has_gain = |robot: &Robot| {
         robot.joints.iter().any(|joint| joint.drive_gain.is_some() || joint.motor_torque_constant.is_some())
@@ -348,7 +348,7 @@ fn has_gains(hints: Hints<'_>) -> bool {
     hints.robot.is_some_and(has_gain)
 }
 
-/// How large the recorded torques are beside those of gravity, where positions are the joints' and their unit is known.
+/// Size of the recorded torques compared with those of gravity, if positions are the joints' and their unit is known.
 fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Option<Size> {
     let position =
         joints.position.as_ref().filter(|position| !position.said.is_motor && !units.beyond_limits)?;
@@ -361,7 +361,7 @@ fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'
     torque_size::size(hints, &radians, &found.values)
 }
 
-/// The unit of torques: by their name, else only where nothing speaks for currents.
+/// The unit of torques: by their name, otherwise only if nothing indicates currents.
 fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
     let most = units::largest(found.values.iter().copied().flatten());
     let named_torque = found.said.kind == Some(Kind::Torque);

@@ -1,4 +1,4 @@
-//! Units of positions, velocities and time: from the names of the columns, else from how the numbers move.
+//! Units of positions, velocities and time: from the names of the columns, otherwise from the motion in the numbers.
 
 use super::head::Head;
 use super::joints::{Found, Joints};
@@ -9,7 +9,7 @@ use armwatch_model::robot::Robot;
 
 pub(super) struct Slopes {
     pub(super) overall: Option<Slope>,
-    /// Of each joint.
+    /// For each joint.
     pub(super) each: Vec<Option<Slope>>,
 }
 
@@ -24,25 +24,25 @@ pub(super) fn slopes(joints: &Joints<'_>, time: Option<&[f64]>) -> Slopes {
     }
 }
 
-/// Units that were found, and what they were found by.
+/// The units, and their evidence.
 pub(super) struct Units {
     pub(super) choices: Vec<Choice>,
     pub(super) known: Known,
     pub(super) figures: Figures,
-    /// Positions are beyond the arm's limits in any unit.
+    /// True if positions are beyond the arm's limits in any unit.
     pub(super) beyond_limits: bool,
-    /// Rows per second that go with the velocities, where no column is a time, Hz, the likeliest first.
+    /// Rows per second that match the velocities if there is no time column, Hz, the most likely first.
     pub(super) rates: Vec<f64>,
-    /// The rate that was given goes with no units.
+    /// True if the given rate matches no units.
     pub(super) is_rate_refuted: bool,
 }
 
-/// What a shipped layout gives.
+/// Units of a shipped layout.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Shipped {
     /// Unit of time.
     pub(super) time: Option<&'static str>,
-    /// The units of joints that it gives are taken for known.
+    /// True if the units of joints that it gives are certain.
     pub(super) is_trusted: bool,
 }
 
@@ -114,7 +114,7 @@ pub(super) fn decide_units(
 }
 
 impl Units {
-    /// Whether the numbers alone go with the units of `shipped`.
+    /// Returns true if the numbers alone are consistent with the units of `shipped`.
     pub(super) fn allow(&self, shipped: &Self) -> bool {
         let names = |of: Choice| (of.position.0, of.velocity.0, of.time.0);
         let wanted = shipped.choice().map(names);
@@ -125,7 +125,7 @@ impl Units {
         self.choices.first().copied()
     }
 
-    /// Units of time that go with the rest.
+    /// Units of time that are consistent with the others.
     pub(super) fn times(&self) -> Vec<&'static str> {
         let mut times: Vec<&str> = self.choices.iter().map(|choice| choice.time.0).collect();
         times.sort_unstable();
@@ -133,7 +133,7 @@ impl Units {
         times
     }
 
-    /// Why a unit is what it is, where the name does not say.
+    /// The evidence for a unit that the name does not give.
     pub(super) fn by_numbers(&self) -> String {
         let Some(Choice { position, velocity, time }) = self.choice() else { return String::new() };
         match (self.figures.slope, self.figures.velocity) {
@@ -153,7 +153,7 @@ impl Units {
 }
 
 impl Units {
-    /// Other units of position that would go as well, said behind the reason for the first.
+    /// Other possible units of position, which are listed after the reason for the first.
     pub(super) fn alternatives(&self) -> String {
         let Some(first) = self.choice() else { return String::new() };
         let mut others: Vec<&str> = self.choices.iter().map(|choice| choice.position.0).collect();

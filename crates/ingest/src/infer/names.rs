@@ -1,8 +1,8 @@
-//! What the name of a column says: which joint, which quantity, which unit, and whether it was measured.
+//! Analyses the name of a column: joint, quantity, unit, and hints that it was measured or not.
 
 use super::words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, TEMPERATURES, UNITS};
 
-/// What a column, or the columns of all joints, may hold.
+/// Quantity of a column, or of the columns of all joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Time,
@@ -15,31 +15,31 @@ pub(super) enum Kind {
     FrictionJoint,
     FrictionLevel,
     Temperature,
-    /// Known, and of no use for a layout.
+    /// Known, but unused by a layout.
     Other(&'static str),
 }
 
-/// What a name says.
+/// Result of analysing a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Said {
     pub(super) kind: Option<Kind>,
-    /// Unit, as layouts name it.
+    /// Unit in the notation of layouts.
     pub(super) unit: Option<&'static str>,
-    /// The unit is that of a shipped layout, and the name may lack it.
+    /// The unit comes from a shipped layout, and may be missing in the name.
     pub(super) is_unit_shipped: bool,
     /// The word for a value that no sensor measured.
     pub(super) intent: Option<&'static str>,
     /// A word for a measured value.
     pub(super) is_measured: bool,
-    /// Before the gears.
+    /// On the motor side of the gears.
     pub(super) is_motor: bool,
-    /// Of the air around the robot.
+    /// Refers to the ambient air.
     pub(super) is_hall: bool,
-    /// Of something that is neither motor nor gearbox.
+    /// Refers to a part other than motor and gearbox.
     pub(super) is_electronics: bool,
 }
 
-/// What the name of a column says, with what stands under it; `{joint}` may stand for the joint's number.
+/// Analyses the name of a column, with the text below it; `{joint}` may replace the joint's number.
 pub(super) fn said(name: &str, under: &str) -> Said {
     let text = name.replace("{joint}", " 1 ");
     let words = words(&text);
@@ -51,7 +51,7 @@ pub(super) fn said(name: &str, under: &str) -> Said {
         false => KINDS.iter().find(|(_, list)| has(list).is_some()).map(|(kind, _)| *kind),
     };
     let kind = match (by_words, unit) {
-        // A word for the joint alone says less than a unit.
+        // A word for the joint alone is weaker evidence than a unit.
         (None | Some(Kind::FrictionJoint | Kind::Position), Some(unit)) => kind_of_unit(unit).or(by_words),
         _ => by_words,
     };
@@ -70,7 +70,7 @@ pub(super) fn said(name: &str, under: &str) -> Said {
     }
 }
 
-/// What a unit is one of; `None` for those of several quantities.
+/// Quantity of a unit; `None` for units of several quantities.
 fn kind_of_unit(unit: &str) -> Option<Kind> {
     match unit {
         "rad" | "deg" | "rev" => Some(Kind::Position),
@@ -82,13 +82,13 @@ fn kind_of_unit(unit: &str) -> Option<Kind> {
     }
 }
 
-/// A unit as layouts name it.
+/// A unit in the notation of layouts.
 fn unit_of(text: &str) -> Option<&'static str> {
     let text = text.trim().to_lowercase();
     UNITS.iter().find(|(_, spellings)| spellings.contains(&text.as_str())).map(|(unit, _)| *unit)
 }
 
-/// The unit in brackets, or behind `_`, a blank or "in" at the end of a name.
+/// The unit in brackets, or after `_`, a blank or "in" at the end of a name.
 fn unit_in(name: &str) -> Option<&'static str> {
     for (open, close) in [('[', ']'), ('(', ')')] {
         if let (Some(start), Some(end)) = (name.rfind(open), name.rfind(close))
@@ -104,20 +104,20 @@ fn unit_in(name: &str) -> Option<&'static str> {
     places.into_iter().find_map(ending)
 }
 
-/// The words and numbers of a name beside those for its quantity: the joint, where the names of a set differ.
+/// The words and numbers of a name without those for its quantity: the joint, if the names of a set differ.
 pub(super) fn label(name: &str, said: Said) -> Vec<String> {
     let list = KINDS.iter().find(|(kind, _)| Some(*kind) == said.kind).map_or("", |(_, list)| *list);
     let is_kind = |token: &String| parts(token).iter().any(|part| listed(list, part).is_some());
     tokens(name).into_iter().filter(|token| !is_kind(token)).collect()
 }
 
-/// Words of a name, as [`tokens`] without the numbers; words that are written together are cut.
+/// Words of a name, like [`tokens`] without the numbers; compound words are split.
 fn words(name: &str) -> Vec<String> {
     let tokens = tokens(name).into_iter().filter(|token| token.chars().all(char::is_alphabetic));
     tokens.flat_map(|token| parts(&token)).collect()
 }
 
-/// Words and numbers of a name in lower case: cut at what is neither, and where small letters turn capital.
+/// Words and numbers of a name in lower case: split at other characters, and between lower and upper case.
 pub(super) fn tokens(name: &str) -> Vec<String> {
     let characters: Vec<char> = name.chars().collect();
     let mut tokens = vec![String::new()];
@@ -149,7 +149,7 @@ fn is_chinese(c: char) -> bool {
     c >= '\u{4e00}'
 }
 
-/// The words that a word is written together from, as in `Sollmoment` or `qref`; itself where it is no such word.
+/// The parts of a compound word, as in `Sollmoment` or `qref`; the word itself if it is not a compound.
 fn parts(word: &str) -> Vec<String> {
     if is_known(word) {
         return vec![word.to_owned()];
@@ -165,15 +165,15 @@ fn parts(word: &str) -> Vec<String> {
         let known = (first.len() > 1 || first == "q") && is_known(first) && is_known(second);
         (long && known).then(|| vec![first.to_owned(), second.to_owned()])
     };
-    // The longest first word, so that `istwert` is not `ist` and the rest.
+    // The longest first word, so that `istwert` is not split into `ist` and the rest.
     let cuts: Vec<usize> = word.char_indices().skip(1).map(|(at, _)| at).collect();
     cuts.into_iter().rev().find_map(two).unwrap_or_else(|| vec![word.to_owned()])
 }
 
-/// Bytes of the longer of two words that are written together: two shorter ones are more often a third.
+/// Least length of the longer part of a compound, bytes: two shorter ones are more often another word.
 const LEAST_PART: usize = 3;
 
-/// Letters of a word from which on it may have an ending.
+/// Least length of a word with an ending, letters.
 const LEAST_STEM: usize = 5;
 
 /// Endings of adjectives and plurals.
@@ -184,8 +184,8 @@ fn is_known(word: &str) -> bool {
     lists.into_iter().any(|list| listed(list, word).is_some())
 }
 
-/// The word of a list that a word is, with or without an ending. Chinese is written without blanks, so its words are
-/// looked for inside.
+/// The entry of a list that a word matches, with or without an ending. Chinese is written without blanks, so its words
+/// are searched within the text.
 fn listed(list: &'static str, word: &str) -> Option<&'static str> {
     list.split_ascii_whitespace().find(|known| {
         let ending = word.strip_prefix(known);
@@ -195,10 +195,10 @@ fn listed(list: &'static str, word: &str) -> Option<&'static str> {
     })
 }
 
-/// Columns of one name but for a number, one a joint.
+/// Columns whose names are equal except for a number, one per joint.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Group {
-    /// The name with `{joint}` in the number's place.
+    /// The name with `{joint}` instead of the number.
     pub(super) template: String,
     /// Number of the first joint.
     pub(super) first: usize,
@@ -206,8 +206,8 @@ pub(super) struct Group {
     pub(super) columns: Vec<usize>,
 }
 
-/// Groups of columns whose names differ in a number that counts on by one; each column is in one group at most,
-/// and the largest groups are taken first.
+/// Groups of columns whose names differ in a number that increases by one; each column is in one group at most, and the
+/// largest groups are chosen first.
 pub(super) fn groups(names: &[&str]) -> Vec<Group> {
     let mut found: Vec<Group> = Vec::new();
     for (at, name) in names.iter().enumerate() {

@@ -1,11 +1,11 @@
-//! What a proposal is made from and what it is.
+//! Input and result of a layout proposal.
 
 use armwatch_model::robot::Robot;
 
 /// Torques `[n]`, Nm (N), that hold an arm against gravity at joint positions `[n]`, rad (m).
 pub type GravityTorques = fn(&Robot, &[f64]) -> Option<Vec<f64>>;
 
-/// What is known beforehand.
+/// Information that is known beforehand.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Hints<'a> {
     /// The arm, whose number of joints and limits help to decide.
@@ -21,14 +21,14 @@ pub struct Hints<'a> {
 pub struct Proposed {
     /// Text of the layout file.
     pub toml: String,
-    /// Questions that are left in it; with any, it does not load yet.
+    /// Number of open questions; with any, it does not load yet.
     pub questions: usize,
-    /// The layout with the likely answer to each question in its place, to be tried; `None` where a question has none.
+    /// The layout with the likely answer to each question filled in, for a test; `None` if a question has none.
     pub answered: Option<String>,
-    /// Rows that were looked at.
+    /// Number of examined rows.
     pub rows: usize,
     /// Name of the shipped layout that fits.
     pub shipped: Option<&'static str>,
-    /// Joints of the arm; zero where nothing tells.
+    /// Joints of the arm; zero if unknown.
     pub joints: usize,
 }

@@ -11,16 +11,16 @@ pub(super) struct Section {
     pub(super) keys: Vec<TomlKey>,
 }
 
-/// A key with its value and why it has it.
+/// A key with its value and the reason for it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct TomlKey {
     pub(super) name: &'static str,
-    /// As TOML writes it.
+    /// In TOML notation.
     pub(super) value: String,
     pub(super) reasons: Vec<String>,
-    /// Set where a person must decide; the key is then a comment.
+    /// Set if a person must decide; the key is then a comment.
     pub(super) question: Option<String>,
-    /// The value is no answer that can be tried.
+    /// The value is not an answer that can be tested.
     pub(super) is_open: bool,
 }
 
@@ -34,13 +34,13 @@ impl TomlKey {
         self
     }
 
-    /// Asks, with the value as the likely answer.
+    /// Adds a question, with the value as the likely answer.
     pub(super) fn asked(mut self, question: &str) -> Self {
         self.question = Some(question.to_owned());
         self
     }
 
-    /// Asks where there is something to ask.
+    /// Adds a question if there is one.
     pub(super) fn asked_if(self, question: Option<&String>) -> Self {
         match question {
             Some(question) => self.asked(question),
@@ -48,14 +48,14 @@ impl TomlKey {
         }
     }
 
-    /// Asks, with a value that only shows the form of an answer.
+    /// Adds a question, with a value that only shows the form of an answer.
     pub(super) fn open(mut self, question: &str) -> Self {
         self.is_open = true;
         self.asked(question)
     }
 }
 
-/// Text as TOML writes it.
+/// Text in TOML notation.
 pub(super) fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {

@@ -1,4 +1,4 @@
-//! Sets of columns that hold one quantity of all joints.
+//! Sets of columns with one quantity of all joints.
 
 use std::collections::BTreeSet;
 
@@ -25,7 +25,7 @@ pub(super) enum Order {
 /// Columns of one quantity, one per joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Set {
-    /// The name with `{joint}` in the place of the joint's number or name; for [`Order::Place`], the first name.
+    /// The name with `{joint}` instead of the joint's number or name; for [`Order::Place`], the first name.
     pub(super) template: String,
     /// Number of the first joint, for [`Order::Number`].
     pub(super) first: usize,
@@ -48,7 +48,7 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     };
     let of_array = |set: Set| ordered_array(set, head, robot);
     let mut found: Vec<Set> = names::groups(&names).into_iter().map(of_group).map(of_array).collect();
-    // a set of all joints takes the place of those of its parts, as of wrist_1 to wrist_3
+    // a set of all joints replaces those of its parts, such as wrist_1 to wrist_3
     let add = |found: &mut Vec<Set>, set: Set| {
         found.retain(|other| !other.columns.iter().any(|column| set.columns.contains(column)));
         found.push(set);
@@ -59,10 +59,11 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     found
 }
 
-/// A set such as `effort[0]` to `effort[5]` or `field.effort0`, which ROS writes: the order of the joints is that of the names in the message,
-/// often the alphabetical one. The columns `name[0]` to `name[5]` contain the names, if they were exported.
+/// A set such as `effort[0]` to `effort[5]` or `field.effort0`, which ROS writes: the order of the joints is that of
+/// the names in the message, often the alphabetical one. The columns `name[0]` to `name[5]` contain the names, if they
+/// were exported.
 fn ordered_array(set: Set, head: &Head, robot: Option<&Robot>) -> Set {
-    // `effort[0]` in ROS 2, and `field.effort0` as `rostopic echo -p` writes it
+    // `effort[0]` in ROS 2, and `field.effort0` in the output of `rostopic echo -p`
     let array =
         ["[{joint}]", "{joint}"].into_iter().find_map(|end| Some((set.template.strip_suffix(end)?, end)));
     let Some((array, end)) = array.filter(|_| set.first == 0) else { return set };
@@ -92,7 +93,7 @@ fn ordered_array(set: Set, head: &Head, robot: Option<&Robot>) -> Set {
     }
 }
 
-/// Sets whose names hold the description's names of all joints.
+/// Sets whose names contain the description's names of all joints.
 fn by_joint_names(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     let joints: Option<Vec<Vec<String>>> = robot.and_then(|robot| {
         robot.joints.iter().map(|joint| joint.name.as_deref().map(names::tokens)).collect()
@@ -105,7 +106,7 @@ fn by_joint_names(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
         let place = |joint: &Vec<String>| {
             tokens.windows(joint.len().max(1)).position(|window| window == joint.as_slice())
         };
-        // of several, the longest name, as of `arm` and `arm_lift`
+        // if several match, the longest name, such as `arm_lift` before `arm`
         let hits =
             joints.iter().enumerate().filter_map(|(joint, name)| Some((joint, name.len(), place(name)?)));
         let Some((joint, length, place)) = hits.max_by_key(|(_, length, _)| *length) else { continue };
@@ -125,7 +126,7 @@ fn by_joint_names(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     found.into_iter().filter_map(set).collect()
 }
 
-/// Sets of columns whose names say the same except for the joint, which they name and do not number.
+/// Sets of columns whose names are equal except for the joint, which has a name instead of a number.
 fn by_place(head: &Head, known: &[Set]) -> Vec<Set> {
     let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
     let mut found: Vec<(Said, Vec<usize>, BTreeSet<Vec<String>>)> = Vec::new();
@@ -169,7 +170,7 @@ fn by_place(head: &Head, known: &[Set]) -> Vec<Set> {
     sets
 }
 
-/// Puts the columns of all sets in the order of the first set that has the same labels.
+/// Orders the columns of all sets like the first set with the same labels.
 fn order_alike(head: &Head, sets: &mut [Set]) {
     let labels = |set: &Set| -> Vec<Vec<String>> {
         set.columns.iter().map(|at| names::label(&head.columns[*at].name, set.said)).collect()
@@ -186,8 +187,8 @@ fn order_alike(head: &Head, sets: &mut [Set]) {
 }
 
 impl Set {
-    /// Key and value of a layout: one name with a place for the number if that gives the first `count` columns,
-    /// else a list.
+    /// Key and value of a layout: one name with a placeholder for the number if that gives the first `count` columns,
+    /// otherwise a list.
     pub(super) fn key(&self, head: &Head, count: usize) -> (&'static str, String) {
         let columns = &self.columns[..count.min(self.columns.len())];
         let simple = columns.iter().all(|column| head.has_plain_name(*column));

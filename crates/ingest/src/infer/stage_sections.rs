@@ -15,7 +15,7 @@ const STAGES: [&str; 4] = ["between", "excitation", "friction", "warming"];
 
 /// Columns that are not joints' and not time.
 pub(super) struct Signals {
-    /// Columns that may tell the stages, the likeliest first.
+    /// Possible stage columns, the most likely first.
     stage: Vec<StageColumn>,
     cycle: Option<usize>,
     friction_joint: Option<usize>,
@@ -33,7 +33,7 @@ impl Signals {
 /// A column of few different values.
 struct StageColumn {
     column: usize,
-    /// The name says so.
+    /// True if the name indicates stages.
     is_named: bool,
     /// The different values, as a layout writes them, and how the joints move under each.
     values: Vec<(String, StageValue)>,

@@ -1,31 +1,31 @@
-//! Which values of a stage signal may mean which stage, by how the joints move under them.
+//! Assigns values of a stage signal to stages, by the motion of the joints during them.
 
 use std::collections::BTreeMap;
 
-/// Most different values of a column that may be a signal.
+/// Most different values of a column that may be a stage signal.
 const MOST_VALUES: usize = 32;
 
 /// Share of its largest speed below which a joint is at rest.
 const AT_REST: f64 = 0.01;
 
-/// Mean number of moving joints, over rows in which any moves, of a stage in which they move one by one.
+/// Largest mean number of moving joints, over rows with motion, of a stage with joints moving one by one.
 const ONE_BY_ONE: f64 = 1.3;
 
-/// Fewest moving joints of a stage in which they move together.
+/// Least mean number of moving joints of a stage with joints moving together.
 const TOGETHER: f64 = 1.8;
 
-/// A whole number and the rows that have it.
+/// A whole number and the rows with it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StageValue {
     pub(super) value: i64,
     pub(super) rows: usize,
-    /// Rows in which any joint moves.
+    /// Rows with any joint moving.
     pub(super) moved: usize,
-    /// Mean number of moving joints over the rows in which any moves.
+    /// Mean number of moving joints over these rows.
     pub(super) moving: f64,
 }
 
-/// Which values mean which stage.
+/// Assignment of values to stages.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Meaning {
     pub(super) between: Vec<i64>,
@@ -34,7 +34,7 @@ pub(super) struct Meaning {
     pub(super) warming: Vec<i64>,
 }
 
-/// The values of a column of few whole numbers, in the order in which they come first; `None` of any other.
+/// The values of a column of few whole numbers, in the order of their first appearance; `None` for any other column.
 pub(super) fn alphabet(values: &[f64]) -> Option<Vec<i64>> {
     let mut found: Vec<i64> = Vec::new();
     let mut last = f64::NAN;
@@ -56,7 +56,7 @@ pub(super) fn alphabet(values: &[f64]) -> Option<Vec<i64>> {
     (!found.is_empty()).then_some(found)
 }
 
-/// How the joints move under each value; `speeds` `[n][rows]` in any unit.
+/// Motion of the joints for each value; `speeds` `[n][rows]` in any unit.
 pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> Vec<StageValue> {
     let limits: Vec<f64> = speeds.iter().map(|speed| AT_REST * super::units::largest(speed)).collect();
     let mut counts: BTreeMap<i64, (usize, usize, usize)> = BTreeMap::new();
@@ -77,7 +77,7 @@ pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> V
     alphabet.iter().map(mean).collect()
 }
 
-/// What values mean that are those of the native layout, 0 to 3.
+/// The assignment for the native layout's values, 0 to 3.
 pub(super) fn native(alphabet: &[i64]) -> Option<Meaning> {
     alphabet.iter().all(|value| (0..=3).contains(value)).then(|| Meaning {
         between: vec![0],
@@ -87,8 +87,8 @@ pub(super) fn native(alphabet: &[i64]) -> Option<Meaning> {
     })
 }
 
-/// What the motion under the values says: one joint after the other is friction, all together are excitation
-/// and, after it, warming; nothing, or only moves, is between. `None` where no value has joints together.
+/// The assignment by motion: one joint after the other is friction, all together are excitation and, after it, warming;
+/// no motion, or only moves, is between. `None` if no value has joints moving together.
 pub(super) fn by_motion(values: &[StageValue]) -> Option<Meaning> {
     let mut meaning = Meaning::default();
     for value in values {
@@ -110,11 +110,11 @@ pub(super) fn by_motion(values: &[StageValue]) -> Option<Meaning> {
     (!meaning.excitation.is_empty()).then_some(meaning)
 }
 
-/// Share of the rows between stages in which joints move, where the motion confirms a signal.
+/// Largest share of the rows between stages with motion, for the motion to confirm a signal.
 const MOVES_BETWEEN: f64 = 0.3;
 
-/// Whether the joints move as the stages ask for: together in excitation and, in at least one other stage, in another
-/// way. A gripper's state passes for no stage signal.
+/// Returns true if the joints move as the stages require: together in excitation and differently in at least one other
+/// stage. This excludes signals such as a gripper's state.
 pub(super) fn is_confirmed(meaning: &Meaning, values: &[StageValue]) -> bool {
     let of = |list: &[i64]| -> Vec<StageValue> {
         values.iter().copied().filter(|v| list.contains(&v.value)).collect()
@@ -129,7 +129,7 @@ pub(super) fn is_confirmed(meaning: &Meaning, values: &[StageValue]) -> bool {
         && (!friction.is_empty() || (!between.is_empty() && between.iter().all(rests)))
 }
 
-/// Beginnings of words for what a robot does in each stage, in lower case: between, excitation, friction, warming.
+/// Beginnings of words for each stage, in lower case: between, excitation, friction, warming.
 const WORDS: [&str; 4] = [
     "idle between pause rest wait home stop none leer warten ruhe halt start end ende fine pausa attesa move transfer",
     "exc anreg eccit ident",
@@ -137,7 +137,7 @@ const WORDS: [&str; 4] = [
     "warm heat aufw erwärm riscald chauff calent",
 ];
 
-/// The stage that a word says, from 0 as in [`WORDS`]; an empty cell is between.
+/// The stage of a word, from 0 as in [`WORDS`]; an empty cell is between.
 pub(super) fn stage_of(word: &str) -> Option<usize> {
     let word = word.to_lowercase();
     if word.is_empty() {

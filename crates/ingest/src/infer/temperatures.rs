@@ -1,4 +1,4 @@
-//! Columns of temperatures: of motors, one a joint, and of the hall.
+//! Columns of temperatures: of motors, one per joint, and of the ambient air.
 
 use super::head::Head;
 use super::names::{self, Kind, Said};
@@ -6,23 +6,23 @@ use super::section::{Section, TomlKey, quoted};
 use super::sets::{ORDER_QUESTION, Order, Set};
 use armwatch_config::TemperatureUnit;
 
-/// Values that are believed when a unit is told by them, whatever the unit: codes of open sensors lie beyond.
+/// Plausible values for deriving a unit, in any unit: codes of open sensors are outside.
 const BELIEVED: std::ops::RangeInclusive<f64> = -60.0..=480.0;
 
-/// Values from here on are kelvins: motors at 200 degC burn, and winters of 200 K are none.
+/// Values from here on are kelvins: motors burn at 200 degC, and no winter reaches 200 K.
 const KELVINS: f64 = 220.0;
 
-/// Halls from here on are told in degrees Fahrenheit: nobody works at 50 degC.
+/// Ambient temperatures from here on are in degrees Fahrenheit: no workplace reaches 50 degC.
 const FAHRENHEIT_HALL: f64 = 50.0;
 
-/// What was found, and the columns that it stands in.
+/// The section, and its columns.
 #[derive(Debug, Default)]
 pub(super) struct FoundTemperatures {
     pub(super) sections: Vec<Section>,
     pub(super) columns: Vec<usize>,
 }
 
-/// Temperatures of an export of an arm with `count` joints; columns for which `taken` holds are something else.
+/// Temperatures of an export of an arm with `count` joints; `taken` excludes columns with another meaning.
 pub(super) fn temperatures(
     head: &Head,
     sets: &[Set],
@@ -71,7 +71,7 @@ pub(super) fn temperatures(
     found
 }
 
-/// The unit by its name, else by the numbers.
+/// The unit by its name, otherwise by the numbers.
 fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> TomlKey {
     if let Some(unit) = TemperatureUnit::ALL.into_iter().find(|unit| Some(unit.name()) == said.unit) {
         return TomlKey::decided("unit", quoted(unit.name())).because("the name gives it");

@@ -18,7 +18,7 @@ const ROWS: usize = 1500;
 /// minute lose one or two of them.
 const ROUNDING: f64 = 1e-6;
 
-/// How a recording is written.
+/// Form of a recording.
 struct Style {
     names: fn(usize) -> [String; 3],
     singles: [&'static str; 5],
@@ -140,14 +140,14 @@ fn proposals_read_exports_of_many_houses_as_the_native_one() {
             comma: true,
             ..native_style()
         },
-        // No units anywhere: only the numbers tell them.
+        // No units anywhere: only the numbers give them.
         Style {
             names: |j| [format!("q{j}"), format!("qd{j}"), format!("tau{j}")],
             per_si: [1e6, deg, rpm],
             delimiter: '\t',
             ..native_style()
         },
-        // French, units in a row of their own, foreign stage values
+        // French, units in a separate row, foreign stage values
         Style {
             names: |j| [format!("Position axe {j}"), format!("Vitesse axe {j}"), format!("Couple axe {j}")],
             singles: ["Temps", "Etape", "Cycle", "axe", "niveau"],
@@ -252,7 +252,7 @@ fn velocities_that_count_against_positions_get_a_sign() {
     assert!(toml.contains("sign = [-1, -1, -1, -1, -1, -1]"), "{toml}");
 }
 
-/// The native export with temperatures of its joints and the hall under other names.
+/// The native export with temperatures of its joints and of the ambient air under other names.
 fn with_temperatures(motor: fn(usize) -> String, hall: &str, cells: [fn(usize) -> String; 2]) -> String {
     let text = export(&native_style());
     let mut lines = text.lines();
@@ -317,7 +317,7 @@ fn nameless(gain: f64) -> String {
     rows.collect()
 }
 
-/// Gravity that asks as much of the joints as the made exports hold, in Nm.
+/// Gravity torques equal to those of the made exports, in Nm.
 fn gravity(_: &armwatch_model::robot::Robot, _: &[f64]) -> Option<Vec<f64>> {
     Some(vec![0.1, 1.0, 1.0, 0.2, 0.1, 6.0])
 }

@@ -1,13 +1,13 @@
-//! Forms of times that are text, from the cells of a column.
+//! Forms of times as text, from the cells of a column.
 
 use super::section::{TomlKey, quoted};
 use crate::table::cell;
 use armwatch_config::{MomentFormat, TextTime, forms_of};
 
-/// Most cells of a column that are looked at.
+/// Most examined cells of a column.
 pub(super) const MOST_CELLS: usize = 4096;
 
-/// Forms that give a time for every cell of a column. With several, the cells do not distinguish day and month.
+/// Forms that give a time for every cell of a column. If there are several, the cells do not distinguish day and month.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct TimeForms(Vec<TextTime>);
 
@@ -27,7 +27,7 @@ impl TimeForms {
         };
         let candidates = [TextTime::Timestamp, TextTime::Duration].into_iter().chain(formats);
         let mut fitting = candidates.filter_map(|form| Some((times(&form)?, form))).peekable();
-        // what needs no format has one meaning
+        // a form without a format string has one meaning
         if let Some((times, form)) = fitting.next_if(|(_, form)| !matches!(form, TextTime::Format(_))) {
             return (Self(vec![form]), Some(times));
         }
@@ -35,7 +35,7 @@ impl TimeForms {
         (Self(forms), times.into_iter().next())
     }
 
-    /// Whether cells are times as text.
+    /// Returns true if cells are times as text.
     pub(super) fn is_text(&self) -> bool {
         !self.0.is_empty()
     }
@@ -67,7 +67,7 @@ impl TimeForms {
     }
 }
 
-/// The question about a column that is called time, and whose times do not rise because digits are lost.
+/// The question about a column with the name of a time whose times do not rise because digits are lost.
 pub(super) fn lost_digits(cells: &[String]) -> Option<String> {
     let first = cells.first()?;
     let is_scientific = first.contains(['E', 'e']) && first.parse::<f64>().is_ok();
@@ -115,7 +115,7 @@ mod tests {
             assert!((times[0], (times[1] - 0.02).abs() < 1e-9) == (0.0, true), "{times:?}");
         }
         assert_eq!(of(&["31/12/2026 8:47:00", "x"]), (None, None));
-        // of several days, one tells
+        // with several days, one decides
         let (key, _) = of(&["12/01/2026 23:59:59.99", "13/01/2026 00:00:00.01"]);
         assert_eq!(key.expect("a form").value, quoted("%d/%m/%Y %H:%M:%S.%f"));
     }

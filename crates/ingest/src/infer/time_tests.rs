@@ -1,4 +1,4 @@
-//! Times in every spelling: the proposal reads them as they are, or asks.
+//! Times in every spelling: the proposal reads them unchanged, or asks.
 
 use std::path::Path;
 
@@ -80,7 +80,7 @@ fn every_spelling_is_proposed_as_it_is_or_asked() {
         let cell = text.lines().nth(1).and_then(|line| line.split(',').next()).expect("a time").to_owned();
         let toml = proposed(&text);
         let expected = if is_asked { format!("# {key}") } else { format!("\n{key}") };
-        // of an ambiguous date, either order may stand in the key, and the other in the question
+        // for an ambiguous date, either order may be in the key, and the other in the question
         let other = key.replace("%m/%d", "%d/%m").replace("%m-%d", "%d-%m");
         let found = toml.contains(&expected) || (is_asked && toml.contains(&other));
         assert!(found && !toml.contains("sample_rate_hz"), "{cell}: {toml}");

@@ -1,4 +1,5 @@
-//! Rows of `ros2 topic echo --csv` of joint states: the fields of the message one after another, without names of columns.
+//! Rows of `ros2 topic echo --csv` of joint states: the fields of the message one after another, without names of
+//! columns.
 
 use super::head::{Head, HeadColumn};
 use super::joints::{Found, Joints};
@@ -13,7 +14,7 @@ pub(super) const LAYOUT: &str = "ros_topic_echo";
 /// Columns before the names of the joints: seconds, nanoseconds and frame of the stamp.
 const STAMP: usize = 3;
 
-/// Nanoseconds of a second.
+/// Nanoseconds per second.
 const SECOND: f64 = 1e9;
 
 /// Seconds from 1970 to 1980: an earlier stamp is that of a simulation.

@@ -1,31 +1,31 @@
-//! Whether numbers are as large as the torques of the arm: gravity alone asks for torques that a description with
-//! masses tells, and a current is smaller by the drive gain.
+//! Compares numbers with the arm's torques: a description with masses gives the torques of gravity, and a current is
+//! smaller by the drive gain.
 
 use super::proposal::Hints;
 
-/// Rows that are looked at, spread over the recording.
+/// Examined rows, spread over the recording.
 const ROWS: usize = 200;
 
-/// Recorded over gravity's torque, as root mean squares of the joint that carries most: torques in Nm lie within, with
-/// motion and friction added and masses known roughly; drive gains are 5 Nm/A and more.
+/// Ratio of recorded torque to gravity's torque, as root mean squares of the joint with the largest load: torques in Nm
+/// are within, including motion and friction and with roughly known masses; drive gains are 5 Nm/A and more.
 const LIKE_TORQUE: std::ops::RangeInclusive<f64> = 0.2..=5.0;
 
-/// Gravity torque below which nothing is told, Nm (N): an arm that moves in a plane has none.
+/// Least gravity torque for a comparison, Nm (N): an arm that moves in a horizontal plane has none.
 const LEAST_GRAVITY: f64 = 0.5;
 
-/// How the recorded numbers compare with gravity.
+/// Comparison of the recorded numbers with gravity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Size {
-    /// The joint that gravity asks most of, from 1.
+    /// The joint with the largest gravity torque, from 1.
     pub(super) joint: usize,
     /// Root mean square of its recorded numbers.
     pub(super) recorded: f64,
-    /// Root mean square of what gravity asks of it, Nm (N).
+    /// Root mean square of its gravity torque, Nm (N).
     pub(super) gravity: f64,
 }
 
 impl Size {
-    /// Whether the numbers may be torques.
+    /// Returns true if the numbers may be torques.
     pub(super) fn is_like_torque(self) -> bool {
         LIKE_TORQUE.contains(&(self.recorded / self.gravity))
     }
@@ -38,8 +38,8 @@ impl Size {
     }
 }
 
-/// Compares `recorded` `[n][rows]` with the gravity torques at `position` `[n][rows]`, rad (m) of the joints; `None`
-/// where the description gives no masses or gravity asks for next to nothing.
+/// Compares `recorded` `[n][rows]` with the gravity torques at `position` `[n][rows]`, rad (m) of the joints; `None` if
+/// the description gives no masses or gravity is almost zero.
 pub(super) fn size(hints: Hints<'_>, position: &[Vec<f64>], recorded: &[&[f64]]) -> Option<Size> {
     let (robot, gravity_torques) = (hints.robot?, hints.gravity_torques?);
     let rows = position.iter().map(Vec::len).chain(recorded.iter().map(|column| column.len())).min()?;

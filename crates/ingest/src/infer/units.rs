@@ -1,9 +1,9 @@
-//! What the numbers say of their units: velocity is the derivative of position, so the factor between them
-//! tells how their units and that of time go together.
+//! Derives units from the numbers: velocity is the derivative of position, so the factor between them relates their
+//! units and that of time.
 
 use std::f64::consts::{PI, TAU};
 
-/// A unit as layouts name it, and its factor to SI.
+/// A unit in the notation of layouts, and its factor to SI.
 pub(super) type Unit = (&'static str, f64);
 
 pub(super) const POSITION: [Unit; 3] = [("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
@@ -14,30 +14,30 @@ pub(super) const TIME: [Unit; 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns
 /// Units of time of spreadsheets and MATLAB.
 pub(super) const LONG_TIME: [Unit; 3] = [("min", 60.0), ("h", 3600.0), ("d", 86_400.0)];
 
-/// Unit of time that is a clock's own.
+/// Name of the unit of a clock with an unknown step.
 pub(super) const TICKS: &str = "ticks";
 
-/// Steps of a clock that are believed, s: what a layout takes.
+/// Plausible steps of a clock, s: those that a layout accepts.
 const TICK: std::ops::RangeInclusive<f64> = 1e-9..=10.0;
 
-/// Rows between two positions that are compared: long enough for the noise and steps of an encoder to be small
-/// beside the motion.
+/// Rows between two compared positions: enough to make the noise and steps of an encoder small compared with the
+/// motion.
 const WINDOW: usize = 20;
 
-/// Largest relative difference between the factor found and that of a pair of units; the nearest two, 1 rad/s
-/// against 9.55 rpm or 57.3 deg/s, are far apart, and velocities that are filtered differ by a few per cent.
+/// Largest relative difference between the measured factor and that of a pair of units. The nearest two, 1 rad/s and
+/// 9.55 rpm or 57.3 deg/s, are far apart, and filtered velocities differ by a few per cent.
 const SLOPE_TOLERANCE: f64 = 0.05;
 
-/// The same for minutes, hours and days: degrees per radian are 60 but for 5 per cent.
+/// The same for minutes, hours and days: degrees per radian are 60 except for 5 per cent.
 const LONG_TIME_TOLERANCE: f64 = 0.02;
 
-/// Windows in which a joint moves less than this part of its wide moves are left out: there, noise decides.
+/// Least move of a joint in a window, as a fraction of its large moves; noise dominates smaller moves.
 const LEAST_MOVE: f64 = 0.1;
 
-/// A window's factor agrees if it is this near to the median of all.
+/// Largest relative deviation of a window's factor from the median of all, for agreement.
 const AGREES: f64 = 0.15;
 
-/// Least share of windows that agree for a factor to be believed; gaps in time and turning points do not.
+/// Least share of agreeing windows for a factor to be accepted; gaps in time and turning points do not agree.
 const LEAST_AGREEMENT: f64 = 0.7;
 
 /// Sample rates of controllers and loggers, Hz.
@@ -46,27 +46,27 @@ const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 5.0..=25_000.0;
 /// Largest position of a joint without end stops, rad: three turns either way.
 const MAX_POSITION: f64 = 3.0 * TAU;
 
-/// Part of its largest position that a joint may reach: controllers permit a little more than a description.
+/// Factor of its largest position that a joint may reach: controllers permit slightly more than a description.
 const BEYOND: f64 = 1.1;
 
-/// Least motion of a recording by which anything is to be identified, rad, as the largest position of any joint.
+/// Least motion of a recording that permits identification, rad, as the largest position of any joint.
 const LEAST_POSITION: f64 = 0.05;
 
 /// Largest speed of a joint, rad/s: small arms reach ten.
 const MAX_SPEED: f64 = 20.0;
 
-/// How velocity goes with the change of position.
+/// Relation between velocity and the change of position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Slope {
-    /// Velocity over change of position in a unit of time, all in the export's units.
+    /// Velocity divided by change of position per unit of time, all in the export's units.
     pub(super) ratio: f64,
-    /// Share of windows in which it is so.
+    /// Share of agreeing windows.
     pub(super) agreement: f64,
 }
 
-/// The factor between `velocity` and the derivative of `position` `[rows]` over `time`; rows count where there
-/// is none. The median over windows of the sum of velocity over the change of position, so that gaps in time
-/// and noise do not matter; `None` where the windows do not agree.
+/// The factor between `velocity` and the derivative of `position` `[rows]` over `time`; without time, the row number is
+/// used. It is the median over windows of the sum of velocity divided by the change of position, so that gaps in time
+/// and noise have no effect; `None` if the windows do not agree.
 pub(super) fn slope(position: &[f64], velocity: &[f64], time: Option<&[f64]>) -> Option<Slope> {
     let at = |row: usize| time.map_or(row as f64, |time| time[row]);
     let rows = position.len().min(velocity.len()).min(time.map_or(usize::MAX, <[f64]>::len));
@@ -89,7 +89,7 @@ pub(super) fn slope(position: &[f64], velocity: &[f64], time: Option<&[f64]>) ->
     (agreement >= LEAST_AGREEMENT).then_some(Slope { ratio, agreement })
 }
 
-/// The factor over all joints `[n][rows]`: the median of those that move.
+/// The factor over all joints `[n][rows]`: the median of the moving ones.
 pub(super) fn joint_slope(position: &[&[f64]], velocity: &[&[f64]], time: Option<&[f64]>) -> Option<Slope> {
     let mut slopes: Vec<Slope> = (position.iter().zip(velocity))
         .filter_map(|(position, velocity)| slope(position, velocity, time))
@@ -98,7 +98,7 @@ pub(super) fn joint_slope(position: &[&[f64]], velocity: &[&[f64]], time: Option
     slopes.get(slopes.len() / 2).copied()
 }
 
-/// What is known before the numbers are asked.
+/// Units that are known before the numbers are examined.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known {
     pub(super) position: Option<&'static str>,
@@ -106,23 +106,23 @@ pub(super) struct Known {
     pub(super) time: Option<&'static str>,
 }
 
-/// What the numbers are like, in the export's units.
+/// Properties of the numbers, in the export's units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Figures {
-    /// Largest amount of any position.
+    /// Largest magnitude of any position.
     pub(super) position: f64,
-    /// Largest amount of any velocity, where recorded.
+    /// Largest magnitude of any velocity, if recorded.
     pub(super) velocity: Option<f64>,
-    /// Median step of time, where recorded.
+    /// Median step of time, if recorded.
     pub(super) step: Option<f64>,
     pub(super) slope: Option<Slope>,
-    /// Largest amount of a position that the arm allows, rad, where it is known.
+    /// Largest magnitude of a position that the arm allows, rad, if known.
     pub(super) limit: Option<f64>,
-    /// Whether positions are those of motors, which turn many times.
+    /// True if positions are those of motors, which turn many times.
     pub(super) is_motor: bool,
-    /// Rows per second that were given, Hz, where no time is recorded.
+    /// Given rows per second, Hz, if no time is recorded.
     pub(super) rate: Option<f64>,
-    /// Whether time is in whole numbers, as the counts of a clock are.
+    /// True if time consists of whole numbers, like the counts of a clock.
     pub(super) is_counting: bool,
 }
 
@@ -135,18 +135,18 @@ pub(super) struct Choice {
 }
 
 impl Choice {
-    /// Rows per second, Hz, at which velocities go with the change of position from row to row.
+    /// Rows per second, Hz, that make velocities match the change of position from row to row.
     pub(super) fn rate(self, slope: Slope) -> Option<f64> {
         let rate = slope.ratio.abs() * self.velocity.1 / self.position.1;
         SAMPLE_RATES.contains(&rate).then_some(rate)
     }
 }
 
-/// Largest relative difference between a sample rate that was given and that of the velocities. Filtered velocities
-/// change little by little; 10 and 9.55, a wrong digit and the factor of rpm, must not be taken for each other.
+/// Largest relative difference between a given sample rate and that of the velocities. Filtered velocities change
+/// gradually; 10 and 9.55, a wrong digit and the factor of rpm, must not be confused.
 pub(super) const RATE_TOLERANCE: f64 = 0.02;
 
-/// All choices that go with what is known and what the numbers are like; those that are more usual stand first.
+/// All choices that match the known units and the numbers; more usual ones come first.
 pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
     let of = |units: &[Unit], known: Option<&str>| -> Vec<Unit> {
         units.iter().copied().filter(|(name, _)| known.is_none_or(|known| known == *name)).collect()
@@ -173,7 +173,7 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
     if figures.step.is_some() {
         found.splice(0..0, of_long_times(known, figures, !found.is_empty()));
     }
-    // minutes and rad, and s and deg, are nearer to each other than filtered velocities to either
+    // minutes with rad, and s with deg, are closer to each other than filtered velocities to either
     found.sort_by_key(|choice| misfit(*choice, figures) > RATE_TOLERANCE);
     if found.is_empty() && known.time.is_none() && figures.is_counting {
         found = of_ticks(&of(&POSITION, known.position), &velocities, known, figures);
@@ -181,8 +181,8 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
     found
 }
 
-/// Choices with minutes, hours or days. Where others go too, velocities must be in the positions' unit per second, since
-/// nearly any factor is that of some three units.
+/// Choices with minutes, hours or days. If others match too, velocities must be in the positions' unit per second,
+/// since nearly any factor is that of some three units.
 fn of_long_times(known: Known, figures: Figures, has_others: bool) -> Vec<Choice> {
     if has_others && figures.slope.is_none() && known.time.is_none() {
         return Vec::new();
@@ -219,7 +219,7 @@ fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: Figu
         .collect()
 }
 
-/// Relative difference between the factor found and that of the units; zero where none is.
+/// Relative difference between the measured factor and that of the units; zero without a measured one.
 fn misfit(choice: Choice, figures: Figures) -> f64 {
     let expected = choice.position.1 / (choice.time.1 * choice.velocity.1);
     let of = |slope: Slope| (slope.ratio.abs() / expected - 1.0).abs();
@@ -239,14 +239,14 @@ fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
     let reach = figures.position * position.1;
     let most = figures.limit.map_or(MAX_POSITION, |limit| BEYOND * limit);
     let inside = known.position.is_some() || figures.is_motor || (LEAST_POSITION..=most).contains(&reach);
-    // Turns are rare enough to need a word for them, or a factor that nothing else gives.
+    // Turns are rare: they need a word for them, or a factor that matches nothing else.
     let usual = position.0 != "rev" || known.position.is_some() || figures.slope.is_some();
     let speed = figures.velocity.map_or(0.0, |speed| speed * velocity.1);
     let sane = known.velocity.is_some() || figures.is_motor || speed <= MAX_SPEED;
     agrees && rate && inside && usual && sane
 }
 
-/// Whether a position is beyond a `limit`, rad, in any unit.
+/// Returns true if a position is beyond a `limit`, rad, in any unit.
 pub(super) fn is_beyond(position: f64, limit: f64) -> bool {
     POSITION.iter().all(|(_, to_si)| position * to_si > BEYOND * limit)
 }
@@ -258,7 +258,7 @@ pub(super) fn median_step(values: &[f64]) -> Option<f64> {
     steps.get(steps.len() / 2).copied()
 }
 
-/// The largest amount.
+/// The largest magnitude.
 pub(super) fn largest<'v>(values: impl IntoIterator<Item = &'v f64>) -> f64 {
     values.into_iter().fold(0.0, |most, value| value.abs().max(most))
 }

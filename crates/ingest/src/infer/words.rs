@@ -1,10 +1,10 @@
-//! Words of people and vendors in the names of columns, in lower case, with blanks between them: English, German,
-//! French, Italian, Spanish, Chinese.
+//! Words in the names of columns, from people and vendors, in lower case, separated by blanks: English, German, French,
+//! Italian, Spanish, Chinese.
 
 use super::names::Kind;
 
-/// Words for the quantity that a column holds. The first group with a word in a name decides, so words with a narrower
-/// meaning stand first.
+/// Words for the quantity of a column. The first group with a word in a name decides, so groups with a narrower meaning
+/// come first.
 pub(super) const KINDS: &[(Kind, &str)] = &[
     (
         Kind::Other("of the tool and not of a joint"),
@@ -45,7 +45,8 @@ pub(super) const KINDS: &[(Kind, &str)] = &[
     (Kind::FrictionJoint, "joint axis achse gelenk axe asse eje articulation 关节 轴 joints achs"),
 ];
 
-/// Words for a value that no sensor measured: it was wanted, calculated or permitted, or is a part of a measured value.
+/// Words for a value that no sensor measured: it was commanded, calculated or permitted, or is a part of a measured
+/// value.
 pub(super) const INTENT: &str = "soll sollwert set target cmd command commanded commands desired ref reference setpoint setpoints \
     consigne des 目标 指令 error err fehler abweichung schleppfehler schleppabstand lag setp sp goal demand demanded requested wanted planned \
     plan plans trajectory traj interpolated predicted prediction pred expected ideal theoretical model \
@@ -71,21 +72,21 @@ pub(super) const MEASURED: &str = "actual act measured meas measurement measure 
     messwert mess sensor sensors sensed real misurato misurata misura effettivo effettiva attuale reale \
     sensore retroazione mesuré mesurée mesure réel réelle capteur medido medida actuales 实际 测量 反馈 传感";
 
-/// Words for the side before the gears.
+/// Words for the motor side of the gears.
 pub(super) const MOTOR: &str = "motor mot mpos mtrq mvel moteur motore 电机";
 
 /// Parts of words for a temperature, for languages that write words together.
 pub(super) const TEMPERATURES: &[&str] = &["temperatur", "températur"];
 
-/// Words for the air around the robot.
+/// Words for the ambient air.
 pub(super) const HALL: &str = "ambient amb room hall environment umgebung umgebungstemperatur raum raumtemperatur halle \
     hallentemperatur ambiante salle ambiente sala nave 环境 室温 室内";
 
-/// Words for what has a temperature and is neither a motor nor a gearbox.
+/// Words for parts with a temperature other than motors and gearboxes.
 pub(super) const ELECTRONICS: &str = "drive inverter amplifier controller cabinet cpu board encoder umrichter regler verstärker \
     schaltschrank variateur armoire 驱动器 控制柜";
 
-/// Units of columns in many spellings, and as layouts name them.
+/// Units of columns in many spellings, with their notation in layouts.
 pub(super) const UNITS: &[(&str, &[&str])] = &[
     ("rad/s", &["rad/s", "rads", "rad/sec", "rad_s"]),
     ("deg/s", &["deg/s", "°/s", "grad/s", "deg/sec", "deg_s", "度/秒"]),

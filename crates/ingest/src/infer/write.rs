@@ -107,7 +107,7 @@ fn section(text: &mut String, section: &Section) {
     }
 }
 
-/// Words as lines of comments above a layout.
+/// Sentences as comment lines above a layout.
 pub fn comments(sentences: &[String]) -> String {
     let mut text = String::new();
     sentences.iter().for_each(|sentence| comment(&mut text, sentence));
@@ -123,7 +123,7 @@ fn comment(text: &mut String, words: &str) {
             line = String::from("#");
         }
         line.push(' ');
-        // names come from the file and may hold anything; TOML takes no control characters in comments
+        // names come from the file and may contain anything; TOML allows no control characters in comments
         line.push_str(&text::shown(word));
     }
     text.push_str(&line);

@@ -1,8 +1,9 @@
-//! Reads sound blocks in one pass: each line has as many cells as the header, and each needed cell a value of its column.
+//! Reads valid blocks in one pass: each line has as many cells as the header, and each needed cell has a value of its
+//! column.
 //!
-//! Anything else gives `None`, and [`super::cell_reader`] reads the block and finds the fault. Both readers cut lines by the
-//! same rules ([`super::fields`]) and read odd cells with the same functions. Only numbers that are plain, have an exponent
-//! or are in quotes have a faster function here, which gives the same bits.
+//! Anything else gives `None`, and [`super::cell_reader`] reads the block and finds the fault. Both readers cut lines
+//! by the same rules ([`super::fields`]) and read unusual cells with the same functions. Only numbers that are plain,
+//! have an exponent or are in quotes have a faster function here, which gives exactly the same result.
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
@@ -16,23 +17,23 @@ use super::plain_number::{exponent_number_at, number_at};
 use crate::bytes::blocks::is_blank;
 use armwatch_config::{BLANKS, DecimalMark};
 
-/// How the cells of a column are read.
+/// Method of reading a column's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CellKind {
-    /// Numbers that need no more than their digits.
+    /// Numbers that consist of digits only.
     Number,
     /// Such numbers, one of them with an exponent.
     Exponent,
     /// Such numbers, the last of them in quotes.
     Quoted,
-    /// Times that count from another one than zero, dates, and numbers whose mark is the delimiter.
+    /// Times relative to another origin than zero, dates, and numbers whose mark is the delimiter.
     Other,
-    /// Words and temperatures: most are those of the row before.
+    /// Words and temperatures: most are equal to those of the row before.
     Repeating,
     Ignored,
 }
 
-/// Reads sound blocks of one export.
+/// Reads valid blocks of one export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct BlockReader {
     kinds: Vec<CellKind>,
@@ -67,7 +68,7 @@ impl BlockReader {
         Self { kinds: map.roles.iter().map(kind).collect(), point }
     }
 
-    /// The columns of a block of whole lines, or `None` if one of the lines is not sound.
+    /// The columns of a block of whole lines, or `None` if one of the lines is invalid.
     pub(super) fn columns(&self, text: &[u8], map: &ColumnMap) -> Option<RawColumns> {
         match map.delimiter {
             BLANKS => self.read::<true>(text, map),
@@ -88,7 +89,7 @@ impl BlockReader {
             return None;
         }
         let mut columns: RawColumns = self.kinds.iter().map(column).collect();
-        // writers write all numbers of a column alike
+        // writers use one form for all numbers of a column
         let mut kinds = self.kinds.clone();
         let mut known: Vec<LastCell> = vec![None; self.kinds.len()];
         let last = self.kinds.len().checked_sub(1)?;
@@ -193,7 +194,7 @@ impl BlockReader {
         Some((number, behind(text, end, map.delimiter)))
     }
 
-    /// A number with an exponent, in quotes or behind blanks, its successor, and the probable form of the next row's.
+    /// A number with an exponent, in quotes or after blanks, its successor, and the probable form of the next row's.
     fn odd_number(&self, text: &[u8], at: usize, delimiter: u8) -> Option<(f64, Behind, CellKind)> {
         let at = at + text[at..].iter().take_while(|byte| **byte == b' ').count();
         let exponent = || exponent_number_at(text, at, self.point).map(|found| (found, CellKind::Exponent));
@@ -218,15 +219,15 @@ fn quoted_number_at(text: &[u8], at: usize, point: u8) -> Option<(f64, NonZeroUs
     Some((number, end.checked_add(1)?))
 }
 
-/// The end of a cell that is not needed, or the first byte of it that needs a second look.
+/// The end of a cell that is not needed, or its first byte that needs another check.
 #[inline]
 fn ignored_end(text: &[u8], start: usize, delimiter: u8) -> Option<usize> {
     let ends = |byte: &u8| *byte == delimiter || matches!(byte, b'\n' | b'\r' | b'\t' | b'"' | 0 | 0x80..);
     Some(start + text.get(start..)?.iter().position(ends)?)
 }
 
-/// The start of the next cell or, behind the last one, of the next line, for a cell that ends at `end`. `None` for anything
-/// that is not plain.
+/// The start of the next cell or, after the last one, of the next line, for a cell that ends at `end`. `None` for
+/// anything that is not plain.
 #[inline(always)]
 fn plain_next<const IN_BLANKS: bool>(text: &[u8], end: usize, delimiter: u8, is_last: bool) -> Option<usize> {
     if IN_BLANKS {
@@ -250,7 +251,7 @@ fn behind_blanks(text: &[u8], at: usize) -> usize {
     at + text[at..].iter().take_while(|byte| is_blank(**byte)).count()
 }
 
-/// The next line behind cells that are empty.
+/// The next line after cells that are empty.
 fn end_of_empty(text: &[u8], mut at: usize, delimiter: u8) -> Option<usize> {
     loop {
         let (field, end) = field_at(text, at, delimiter);

@@ -1,4 +1,4 @@
-//! What the text of one cell says: a number with a decimal point or comma, or a date and time.
+//! Interprets the text of one cell: a number with a decimal point or comma, or a date and time.
 
 use std::borrow::Cow;
 
@@ -11,24 +11,24 @@ use armwatch_config::{DecimalMark, TextTime, duration};
 /// Digits of a nanosecond.
 const FRACTION_DIGITS: usize = 9;
 
-/// Most digits of a [`Decimal`], as many as 128 bits hold: more than the shortest text of any double behind the seconds
+/// Most digits of a [`Decimal`], as many as 128 bits allow: more than the shortest text of any double after the seconds
 /// from 1970.
 const MOST_DIGITS: u32 = 37;
 
-/// Why a cell is no number, and what to do about it.
+/// Why a cell is not a number, and the remedy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoNumber {
     /// Completes "value is ..".
     pub reason: Cow<'static, str>,
-    /// What to do; `None` for the usual remedy of a cell.
+    /// The remedy; `None` for the usual remedy of a cell.
     pub remedy: Option<Cow<'static, str>>,
 }
 
-/// The number that a cell without blanks around it holds. An exponent begins with `e` or, as Fortran writes it, with `d`.
+/// The number in a cell without blanks around it. An exponent begins with `e` or, as in Fortran, with `d`.
 ///
 /// # Errors
-/// [`NoNumber`], which knows the other decimal mark, separators of thousands and characters that look like those of a
-/// number.
+/// [`NoNumber`], which recognises the other decimal mark, separators of thousands and characters that look like those
+/// of a number.
 pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
     let parsed = match decimal {
         DecimalMark::Point => cell.parse(),
@@ -42,32 +42,33 @@ pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
     })
 }
 
-/// A cell with the minus sign of typography as a hyphen, and without blanks that do not break a line around it.
+/// A cell with the typographic minus sign replaced by a hyphen, and without non-breaking blanks around it.
 fn with_ascii(cell: &str) -> Option<String> {
     const MINUS: char = '\u{2212}';
     let bare = cell.trim_matches(|c| matches!(c, '\u{a0}' | '\u{202f}' | '\u{2007}' | '\u{2009}' | ' '));
     (bare.len() < cell.len() || bare.contains(MINUS)).then(|| bare.replace(MINUS, "-"))
 }
 
-/// A cell with the exponent of Fortran, `1.0D+03`, as other languages write it.
+/// A cell with a Fortran exponent, `1.0D+03`, in the form of other languages.
 fn with_e(cell: &str) -> Option<String> {
     let (mantissa, exponent) = cell.split_once(['d', 'D'])?;
     let is_exponent = exponent.parse::<i32>().is_ok() && mantissa.bytes().any(|byte| byte.is_ascii_digit());
     is_exponent.then(|| format!("{mantissa}e{exponent}"))
 }
 
-/// A number as its digits are written, without the rounding of a double: `digits` times ten to the power of minus
-/// `places`. A clock that counts from 1970 in steps of a millisecond needs more digits than a double has.
+/// A number exactly as its digits are written, without the rounding of a double: `digits` times ten to the power of
+/// minus `places`. A clock that counts from 1970 in steps of a millisecond needs more digits than a double has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Decimal {
     /// All digits as one whole number.
     pub digits: i128,
-    /// Digits behind the decimal mark.
+    /// Digits after the decimal mark.
     pub places: u32,
 }
 
 impl Decimal {
-    /// Reads what [`number`] reads, but for numbers with so many digits, or such an exponent, that no clock has them.
+    /// Reads the same numbers as [`number`], except those with so many digits, or such an exponent, that no clock has
+    /// them.
     #[must_use]
     pub fn read(cell: &str, decimal: DecimalMark) -> Option<Self> {
         let mark = match decimal {
@@ -109,7 +110,7 @@ impl Decimal {
     /// The nearest double.
     #[must_use]
     pub fn to_f64(self) -> f64 {
-        // both are doubles without rounding, so that the quotient is rounded once
+        // both are exact doubles, so that the quotient is rounded once
         const EXACT_PLACES: i32 = 22;
         match i32::try_from(self.places) {
             Ok(places)
@@ -121,7 +122,7 @@ impl Decimal {
         }
     }
 
-    /// The double nearest to the difference; `None` where numbers lie too far apart to have one without rounding.
+    /// The double nearest to the difference; `None` if the numbers are too far apart for an exact difference.
     #[must_use]
     pub fn minus(self, other: Self) -> Option<f64> {
         let places = self.places.max(other.places);
@@ -131,10 +132,10 @@ impl Decimal {
     }
 }
 
-/// How much larger than `origin` the number in a cell is.
+/// Difference between the number in a cell and `origin`.
 ///
 /// # Errors
-/// As [`number`].
+/// Those of [`number`].
 pub fn number_since(cell: &str, decimal: DecimalMark, origin: Decimal) -> Result<f64, NoNumber> {
     match Decimal::read(cell, decimal).and_then(|number| number.minus(origin)) {
         Some(difference) => Ok(difference),
@@ -179,7 +180,7 @@ fn no_number(cell: &str, decimal: DecimalMark) -> NoNumber {
     }
 }
 
-/// A character by its number, with its name in Unicode if it looks like one of a number or like nothing.
+/// A character by its number, with its name in Unicode if it is invisible or looks like one of a number.
 pub(super) fn unicode_name(character: char) -> String {
     let name = match character {
         '\u{a0}' => " NO-BREAK SPACE",
@@ -210,7 +211,7 @@ pub(super) fn unicode_name(character: char) -> String {
     format!("U+{:04X}{name}", u32::from(character))
 }
 
-/// Whether a cell is digits in groups of three, as in `1.234.567,8`, `1'234.5` or `1 234`.
+/// Returns true if a cell consists of digits in groups of three, as in `1.234.567,8`, `1'234.5` or `1 234`.
 fn is_grouped(cell: &str, mark: char) -> bool {
     let unsigned = cell.trim_start_matches(['+', '-']);
     let whole = unsigned.split(mark).next().unwrap_or_default();
@@ -223,11 +224,11 @@ fn is_grouped(cell: &str, mark: char) -> bool {
         && groups.iter().skip(1).all(|group| group.len() == 3)
 }
 
-/// Nanoseconds from 1970 to a date and time; of a time without date, from midnight.
+/// Nanoseconds from 1970 to a date and time; for a time without date, from midnight.
 ///
-/// Reads ISO 8601 with `T` or a blank between date and time, with a fraction after a point or comma of any
-/// length, ending in `Z`, an offset such as `+01:00`, or nothing, and dates with the day first,
-/// `01.03.2026 08:00:00,004`. Without offset the clock is taken as it is.
+/// Reads ISO 8601 with `T` or a blank between date and time, with a fraction of any length after a point or comma,
+/// ending in `Z`, an offset such as `+01:00`, or nothing, and dates with the day first, `01.03.2026 08:00:00,004`. A
+/// clock without offset is not converted.
 #[must_use]
 pub fn timestamp(cell: &str) -> Option<i64> {
     let (days, clock) = match cell.bytes().position(|byte| matches!(byte, b'T' | b't' | b' ')) {
@@ -240,7 +241,7 @@ pub fn timestamp(cell: &str) -> Option<i64> {
     seconds.checked_mul(1_000_000_000)?.checked_add(nanoseconds)
 }
 
-/// Nanoseconds of a time that is text, from the origin of its form.
+/// Nanoseconds of a time in text form, from the origin of its form.
 #[must_use]
 pub fn text_time(cell: &str, form: &TextTime) -> Option<i64> {
     match form {
@@ -250,7 +251,7 @@ pub fn text_time(cell: &str, form: &TextTime) -> Option<i64> {
     }
 }
 
-/// What times count from whose first one is in this cell.
+/// Origin of times whose first one is in this cell.
 pub(crate) fn clock_origin(cell: &str, form: &TextTime) -> Option<ClockOrigin> {
     let nanoseconds = text_time(cell, form)?;
     let dated = dated_moment(cell);
@@ -267,7 +268,7 @@ pub(crate) fn clock_origin(cell: &str, form: &TextTime) -> Option<ClockOrigin> {
     Some(ClockOrigin { nanoseconds, period_s, is_local })
 }
 
-/// As [`timestamp`] of a cell that has a date, and whether it has an offset from UTC.
+/// Like [`timestamp`] for a cell with a date; also returns true if it has an offset from UTC.
 #[must_use]
 pub(crate) fn dated_moment(cell: &str) -> Option<(i64, bool)> {
     let (_, clock) = cell.split_once(['T', 't', ' '])?;
@@ -292,7 +293,7 @@ fn days(date: &str) -> Option<i32> {
     i32::try_from(since.as_hours() / 24).ok()
 }
 
-/// The clock, and how many seconds it is ahead of UTC.
+/// The clock without its offset, and the seconds that it is ahead of UTC.
 fn without_offset(clock: &str) -> Option<(&str, i64)> {
     if let Some(clock) = clock.strip_suffix(['Z', 'z']) {
         return Some((clock.trim_end_matches(' '), 0));
@@ -316,7 +317,7 @@ fn nanoseconds_of_day(clock: &str) -> Option<i64> {
     if !colon(2) || !colon(5) {
         return None;
     }
-    // The sixtieth second is a leap second's.
+    // Second 60 is a leap second.
     let (hour, minute, second) =
         (part(0).filter(|h| *h < 24)?, part(3).filter(|m| *m < 60)?, part(6).filter(|s| *s <= 60)?);
     let fraction = match clock.get(8..)? {
@@ -326,7 +327,7 @@ fn nanoseconds_of_day(clock: &str) -> Option<i64> {
     Some((hour * 3600 + minute * 60 + second) * 1_000_000_000 + fraction)
 }
 
-/// Nanoseconds of the digits behind the mark; digits beyond the ninth are less than one.
+/// Nanoseconds of the digits after the mark; digits beyond the ninth are ignored.
 fn fraction(text: &str) -> Option<i64> {
     if text.is_empty() || !text.bytes().all(|byte| byte.is_ascii_digit()) {
         return None;
@@ -497,7 +498,7 @@ mod tests {
             let _ = Decimal::read(&cell, DecimalMark::Point);
         }
 
-        /// The two readers of numbers agree to the last bit.
+        /// The two readers of numbers agree exactly.
         #[test]
         fn a_decimal_is_the_double_that_its_text_is(number in -1e12..1e12_f64, places in 0_usize..12) {
             let cell = format!("{number:.places$}");

@@ -1,7 +1,7 @@
-//! Reading a block cell by cell: slower than in one pass, and sure of every line and column.
+//! Reads a block cell by cell: slower than in one pass, but with every line and column for messages.
 //!
 //! It names the first bad cell of a block that could not be read in one pass, skips bad rows if the layout permits it,
-//! and judges a file's last line.
+//! and checks a file's last line.
 
 use std::path::Path;
 
@@ -17,11 +17,11 @@ use crate::rejection::Rejection;
 use armwatch_config::{TextTime, duration, forms_of, joined_forms};
 use armwatch_model::run::{ContentHash, RawSamples};
 
-/// What a file is that ends before its first row is whole.
+/// Reason for a file that ends before its first row is whole.
 pub(crate) const CUT: &str = "last line is cut";
 pub(crate) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
 const CELL_REMEDY: &str = "export again or correct the cell";
-/// A step between two rows adds no more than this to a change of clocks, s.
+/// Tolerance of a step between two rows at a change of clocks, s.
 const HOUR_TOLERANCE: f64 = 5.0;
 const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
 
@@ -39,17 +39,17 @@ fn without_return(line: &[u8]) -> &[u8] {
 pub struct ReadRows {
     /// The rows, in SI.
     pub samples: RawSamples,
-    /// Bad rows that were passed over.
+    /// Bad rows that were skipped.
     pub passed_over: PassedOver,
-    /// What was mended.
+    /// Repairs.
     pub mended: Mended,
-    /// The last row, where times are text.
+    /// The last row, if times are text.
     pub clock: Option<PreviousTime>,
     /// Hash of the text of the last row.
     pub row: Option<ContentHash>,
 }
 
-/// Reads a block whose last line is known to be whole.
+/// Reads a block whose last line is certainly whole.
 ///
 /// # Errors
 /// A rejection of the first cell, in line and then column order, that is not understood.
@@ -62,12 +62,12 @@ pub fn read(
     read_passing_over(block, map, previous, path, 0).map(|read| read.samples)
 }
 
-/// Bad rows that were passed over.
+/// Bad rows that were skipped.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PassedOver {
-    /// How many.
+    /// Their number.
     pub rows: u64,
-    /// What was wrong with the first of them.
+    /// The fault of the first of them.
     pub first: Option<Box<Rejection>>,
 }
 
@@ -79,15 +79,15 @@ impl PassedOver {
     }
 }
 
-/// As [`read`], passing over `most` bad rows at most: rows with another number of fields than columns, and rows with
-/// a cell that is empty or not understood, and rows with the time of the row before. A row whose time falls, in which
-/// two stages go on, or that repeats the header is no bad row: what is wrong there is the recording. A row that repeats
-/// the one before in every cell is left out.
+/// Like [`read`], but skips at most `most` bad rows: rows with another number of fields than columns, rows with a cell
+/// that is empty or not understood, and rows with the time of the row before. A row is not bad in this sense if its
+/// time falls, if it has two stages at once, or if it repeats the header: these are faults of the recording. A row that
+/// repeats the one before in every cell is omitted.
 ///
-/// Where rows are counted instead of timed, a row that is passed over takes its time.
+/// If rows are counted instead of timed, a skipped row counts too.
 ///
 /// # Errors
-/// As [`read`], of the first bad row beyond `most`.
+/// Those of [`read`], for the first bad row beyond `most`.
 pub fn read_passing_over(
     block: &Block,
     map: &ColumnMap,
@@ -107,7 +107,7 @@ pub fn read_passing_over(
     };
     let (mut passed, mut mended) = (PassedOver::default(), Mended::default());
     let mut line_before: Option<&[u8]> = None;
-    // rows before each row that is kept, those passed over included
+    // rows before each kept row, including skipped ones
     let mut places: Vec<usize> = Vec::new();
     for (place, (bytes, number)) in lines(&block.bytes).zip(block.first_line..).enumerate() {
         match row.read(bytes) {
@@ -141,7 +141,7 @@ pub fn read_passing_over(
     Ok(ReadRows { samples, passed_over: passed, mended, clock: clock.last, row: line_before.map(row_hash) })
 }
 
-/// Whether a line repeats the last row, `before`, or that of the block before.
+/// Returns true if a line repeats the last row, `before`, or that of the previous block.
 fn repeats(line: &[u8], before: Option<&[u8]>, previous: Option<PreviousTime>) -> bool {
     match before {
         Some(before) => without_return(line) == without_return(before),
@@ -149,12 +149,12 @@ fn repeats(line: &[u8], before: Option<&[u8]>, previous: Option<PreviousTime>) -
     }
 }
 
-/// The rejection of a row that is bad by itself; what others say is wrong with the recording.
+/// The rejection of a single bad row; other rejections are faults of the recording.
 fn of_row(rejection: Rejection) -> Rejection {
     Rejection { is_bad_row: true, ..rejection }
 }
 
-/// Whether a line has fewer fields than a row needs.
+/// Returns true if a line has fewer fields than a row needs.
 #[must_use]
 pub(crate) fn is_short(line: &[u8], map: &ColumnMap) -> bool {
     !line.contains(&0)
@@ -162,26 +162,26 @@ pub(crate) fn is_short(line: &[u8], map: &ColumnMap) -> bool {
             .is_ok_and(|text| fields(text, map.delimiter).take(map.least_fields).count() < map.least_fields)
 }
 
-/// What a last line without a line end is.
+/// State of a last line without a line end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LastLine {
     /// All its cells are whole.
     Whole,
-    /// It reads well, but its last number may have had further digits.
+    /// It is valid, but its last number may have had further digits.
     Doubtful,
-    /// It has too few fields, or its last cell is empty or not understood: the writer did not get to its end.
+    /// It has too few fields, or its last cell is empty or not understood: the writer did not complete it.
     Cut,
 }
 
-/// Judges the last line of a file that does not end with a line end.
+/// Checks the last line of a file that does not end with a line end.
 ///
-/// A line with too few fields, or with a last cell that is empty or no number, is cut: leaving it out is harmless,
-/// since nothing follows it. With all fields it is whole if no longer number could stand in its last cell, as in a column of stages 0
-/// to 3 or one that is not needed. Else it is doubtful, since `-12.34` may be the beginning of
-/// `-12.345`: leaving out one row of a recording is harmless, a wrong torque is not.
+/// A line with too few fields, or with a last cell that is empty or not a number, is cut: omitting it is harmless,
+/// since nothing follows it. A line with all fields is whole if its last cell allows no longer number, as in a column
+/// of stages 0 to 3, or if that column is not needed. Otherwise it is doubtful, since `-12.34` may be the beginning of
+/// `-12.345`: omitting one row of a recording is harmless, a wrong torque is not.
 ///
 /// # Errors
-/// A rejection of a line that is no text.
+/// A rejection of a line that is not text.
 pub fn judge_last_line(
     line: &[u8],
     number: u64,
@@ -202,7 +202,7 @@ pub fn judge_last_line(
     let (Some(cell), Some(role)) = (cells.get(last), map.roles.get(last)) else { return Ok(LastLine::Cut) };
     let reads = match channels::is_text(*role, map) {
         true => channels::word_number(cell, map).is_some(),
-        // an empty cell of a temperature is none, not a cut one
+        // an empty temperature cell is a missing value, not a cut one
         false => {
             *role == Role::Ignored || role.temperature_unit().is_some() || value(cell, *role, map).is_ok()
         }
@@ -226,10 +226,10 @@ struct Row<'a> {
     path: &'a Path,
     columns: &'a mut RawColumns,
     previous: Option<PreviousTime>,
-    /// Whether a bad row is passed over: then it is looked at to its end, so that a wrong time in it counts as one
-    /// of its bad cells.
+    /// True if a bad row is skipped: it is then examined to its end, so that a wrong time in it counts as one of its
+    /// bad cells.
     passes_over: bool,
-    /// Whether the row has the time of the row before.
+    /// True if the row has the time of the row before.
     stands_still: bool,
     /// The row's numbers by column, until all of it is understood.
     kept: Vec<(usize, f64)>,
@@ -240,7 +240,7 @@ impl Row<'_> {
         Rejection::of_file(self.path, reason, CELL_REMEDY)
     }
 
-    /// Reads a row; nothing of one with a fault is kept.
+    /// Reads a row; keeps no value of a row with a fault.
     fn read(&mut self, line: &[u8]) -> Result<(), Rejection> {
         let text = self.text(line).map_err(of_row)?;
         self.refuse_wrong_shape(text)?;
@@ -287,7 +287,7 @@ impl Row<'_> {
         Ok(())
     }
 
-    /// Refuses a row in which two stages go on.
+    /// Refuses a row with two stages at once.
     fn refuse_second_stage(&self, first: Option<usize>, second: usize) -> Result<(), Rejection> {
         let Some(first) = first else { return Ok(()) };
         let name = |column: usize| self.map.names.get(column).map_or("", String::as_str);
@@ -316,7 +316,7 @@ impl Row<'_> {
         for cell in fields(text, self.map.delimiter) {
             match names.get(count) {
                 Some(name) => as_header &= name == cell,
-                // Further fields are those of delimiters at the end of the line.
+                // Further fields come from delimiters at the end of the line.
                 None => empty_beyond &= cell.is_empty(),
             }
             count += 1;
@@ -395,7 +395,7 @@ impl Row<'_> {
         Ok(next)
     }
 
-    /// A time in s, converted exactly as [`channels::samples`] converts it.
+    /// A time in s, with the same conversion as in [`channels::samples`].
     fn scaled_time(&self, value: f64) -> f64 {
         let factor = self.map.to_si.time;
         let counts = match self.map.time {
@@ -415,7 +415,7 @@ impl Row<'_> {
         let is_hour = (before.seconds - next.seconds - CHANGE_OF_CLOCKS).abs() < HOUR_TOLERANCE;
         let last = match self.map.time {
             TimeColumn::Stamped { .. } => "the time".to_owned(),
-            // of the row before a block only the count that goes on is known
+            // for the row before a block, only the continued count is known
             TimeColumn::Wrapping { .. } => "the count".to_owned(),
             _ => without_rounding(before.recorded).to_string(),
         };
@@ -425,7 +425,7 @@ impl Row<'_> {
             format!("not later than {last} in the row before: time stands still")
         });
         let anew = || began_anew(before.recorded, recorded).filter(|_| backwards);
-        // rows that fall are out of order; one row with the time of another is one bad row
+        // rows with falling times are out of order; a single row with the time of another is one bad row
         rejection.is_bad_row = !backwards;
         rejection.remedy = match (&self.map.time, anew()) {
             _ if !backwards && cell.contains(['e', 'E']) => format!(
@@ -451,7 +451,7 @@ impl Row<'_> {
     }
 }
 
-/// A time that was converted to seconds and back, as it was recorded.
+/// A time that was converted to seconds and back, in its recorded form.
 fn without_rounding(recorded: f64) -> f64 {
     format!("{recorded:.13e}").parse().unwrap_or(recorded)
 }
@@ -465,7 +465,7 @@ fn began_anew(before: f64, after: f64) -> Option<u64> {
     [1 << 16, 1 << 31, 1 << 32].into_iter().find(|period| near(*period))
 }
 
-/// The number in a cell; of a time, from that of the first row on, a date and time in s.
+/// The number in a cell; for a time, relative to the first row; for a date and time, in s.
 pub(crate) fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
     match (role, map.time) {
         (Role::Time, TimeColumn::Stamped { origin, .. }) => {
@@ -488,7 +488,7 @@ pub(crate) fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell
     }
 }
 
-/// Seconds from `origin` to a time that is text.
+/// Seconds from `origin` to a time in text form.
 pub(crate) fn stamped(cell: &str, map: &ColumnMap, origin: ClockOrigin) -> Option<f64> {
     Some(cell::text_time(cell, &map.text_time)?.checked_sub(origin.nanoseconds)? as f64 * 1e-9)
 }
@@ -509,7 +509,7 @@ fn no_time(cell: &str, form: &TextTime) -> cell::NoNumber {
     cell::NoNumber { reason, remedy: Some(form_remedy(cell).map_or(usual.into(), Into::into)) }
 }
 
-/// The setting with which a time that is text is read; `None` for a cell of unknown form.
+/// The setting for reading a time in text form; `None` for a cell of unknown form.
 fn form_remedy(cell: &str) -> Option<String> {
     if duration(cell).is_some() {
         return Some("set unit = \"duration\" under [time] of the layout".into());

@@ -1,7 +1,7 @@
-//! Columns of numbers to channels in SI, and what a number in a column may be.
+//! Converts columns of numbers to channels in SI, and checks the numbers of a column.
 //!
-//! Both readers end in [`samples`], so a unit is converted in one place. [`refusal`] says of a single
-//! number what [`samples`] only knows of a column: that there is a bad one.
+//! Both readers end in [`samples`], so units are converted in one place. [`refusal`] explains for a single number why
+//! it is refused; [`samples`] only detects that a column has a bad one.
 
 use super::cell::{self, Decimal};
 use super::clock::{self, PreviousTime, TimeColumn, Turn};
@@ -12,30 +12,29 @@ use armwatch_model::run::slower::Slower;
 use armwatch_model::run::temperature::{TemperatureTrack, Temperatures};
 use armwatch_model::run::{FrictionSignal, RawSamples, Stage, StageReading};
 
-/// Largest time, s: three thousand years in seconds, so any clock passes; doubles still tell
-/// fifteen microseconds apart there.
+/// Largest time, s: three thousand years in seconds, which every clock satisfies; doubles still resolve fifteen
+/// microseconds there.
 pub const MAX_TIME: f64 = 1e11;
-/// Largest position, rad (m): an unlimited axis turns through this in some 1600 turns; encoder
-/// counts taken for angles lie beyond.
+/// Largest position, rad (m): an unlimited axis reaches this after some 1600 turns; encoder counts instead of angles
+/// exceed it.
 pub const MAX_POSITION: f64 = 1e4;
-/// Largest velocity, rad/s (m/s): a hundred thousand turns a minute, faster than any motor shaft.
+/// Largest velocity, rad/s (m/s): a hundred thousand turns per minute, faster than any motor shaft.
 const MAX_VELOCITY: f64 = 1e4;
-/// Largest torque, Nm (N): a hundred times what the largest arms hold.
+/// Largest torque, Nm (N): a hundred times that of the largest arms.
 const MAX_TORQUE: f64 = 1e7;
-/// Largest cycle number: a thousand times the cycles of a day of shortest tests.
+/// Largest cycle number: a thousand times the daily cycles of the shortest tests.
 const MAX_CYCLE: u32 = 1_000_000;
 
-/// One column of numbers for each column of the export, in its order and units; empty where the
-/// column is not needed.
+/// One column of numbers for each column of the export, in its order and units; empty if the column is not needed.
 pub type RawColumns = Vec<Vec<f64>>;
 
-/// Whether the cells of a column of this role are words.
+/// Returns true if the cells of a column of this role are words.
 #[must_use]
 pub fn is_text(role: Role, map: &ColumnMap) -> bool {
     matches!(role, Role::Stage(_)) && map.stage_source.kind().has_words()
 }
 
-/// The number that stands for a word in a column of words; `None` for a word that means nothing there.
+/// The number of a word in a column of words; `None` for a word without a meaning there.
 #[must_use]
 pub fn word_number(cell: &str, map: &ColumnMap) -> Option<f64> {
     map.stage_source.kind().word_number(cell.trim())
@@ -43,23 +42,23 @@ pub fn word_number(cell: &str, map: &ColumnMap) -> Option<f64> {
 
 /// The channels in SI, or `None` if any number is refused or time does not rise strictly.
 ///
-/// Times in `columns` count from the first row of the export, but for counts of a counter, which are as recorded.
+/// Times in `columns` are relative to the first row of the export, except counts of a counter, which are as recorded.
 /// `previous` is the row before. Factors of 1 cost nothing.
 #[must_use]
 pub fn samples(columns: RawColumns, map: &ColumnMap, previous: Option<PreviousTime>) -> Option<RawSamples> {
     samples_and_clock(columns, map, previous).map(|(samples, _)| samples)
 }
 
-/// How a clock ran over consecutive rows.
+/// Behaviour of a clock over consecutive rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ClockRun {
-    /// Its turns, each with the row behind it.
+    /// Its turns, each with the row after it.
     pub turns: Vec<(usize, Turn)>,
-    /// The last row, where times are text.
+    /// The last row, if times are text.
     pub last: Option<PreviousTime>,
 }
 
-/// As [`samples`], with how the clock ran.
+/// Like [`samples`], also returning the behaviour of the clock.
 #[must_use]
 pub fn samples_and_clock(
     mut columns: RawColumns,
@@ -123,7 +122,7 @@ pub fn samples_and_clock(
     };
     let torque = map.torque.iter().zip(&factors.torque).map(|(column, factor)| match column {
         Some(column) => scaled_where(taken(&mut columns, *column), *factor, MAX_TORQUE, map.slower.torque),
-        // it takes part in nothing: `Joint::has_torque`
+        // it is not used anywhere: `Joint::has_torque`
         None => Some(vec![0.0; time.len()]),
     });
     let torque = torque.collect::<Option<Vec<_>>>()?;
@@ -143,14 +142,14 @@ pub fn samples_and_clock(
     Some((samples, run))
 }
 
-/// The number in a cell of a temperature column, in its unit; not a number where the cell holds none, which is
-/// how controllers leave out what has not changed.
+/// The number in a cell of a temperature column, in its unit; NaN if the cell contains none, because controllers omit
+/// unchanged values.
 #[must_use]
 pub fn temperature(cell: &str, decimal: DecimalMark) -> f64 {
     cell::number(cell, decimal).unwrap_or(f64::NAN)
 }
 
-/// Tracks of the recorded temperatures; `None` where there is no column of any.
+/// Tracks of the recorded temperatures; `None` if there is no such column.
 fn temperatures(columns: &mut RawColumns, map: &ColumnMap) -> Option<Temperatures> {
     let mut track = |column: usize| {
         let unit = map.roles.get(column).and_then(|role| role.temperature_unit())?;
@@ -165,8 +164,7 @@ fn temperatures(columns: &mut RawColumns, map: &ColumnMap) -> Option<Temperature
     recorded.then_some(Temperatures { motor, ambient })
 }
 
-/// Why `value`, in the export's unit, may not stand in a column of this role; the words complete
-/// "value is ..".
+/// Why `value`, in the export's unit, is invalid in a column of this role; the words complete "value is ..".
 #[must_use]
 pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
     if role == Role::Ignored || role.temperature_unit().is_some() {
@@ -194,8 +192,8 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
     }
 }
 
-/// Whether a number written as `cell` could be the beginning of another number that may stand
-/// there: then a line cut behind it is not known to be whole.
+/// Returns true if a number written as `cell` could be the beginning of another valid number: a line that is cut after
+/// it may be incomplete.
 #[must_use]
 pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
     let longer = |number: &dyn std::fmt::Display| {
@@ -212,7 +210,7 @@ pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
     }
 }
 
-/// Counts of a counter that begins anew after `period`, counted on from `previous`.
+/// Counts of a counter that restarts after `period`, continued from `previous`.
 fn unwrapped(mut counts: Vec<f64>, period: f64, previous: Option<f64>) -> Vec<f64> {
     let mut before = previous;
     for count in &mut counts {
@@ -222,8 +220,8 @@ fn unwrapped(mut counts: Vec<f64>, period: f64, previous: Option<f64>) -> Vec<f6
     counts
 }
 
-/// A count of a counter that begins anew after `period`, with as many periods added as bring it nearest to the
-/// one before: a step back by less than half a period stays one.
+/// A count of a counter that restarts after `period`, plus as many periods as bring it nearest to the one before: a
+/// step back by less than half a period stays one.
 #[must_use]
 pub fn counted_on(count: f64, period: f64, before: Option<f64>) -> f64 {
     match before {
@@ -236,7 +234,7 @@ fn taken(columns: &mut RawColumns, column: usize) -> Vec<f64> {
     columns.get_mut(column).map(std::mem::take).unwrap_or_default()
 }
 
-/// As [`scaled`]; with a rule for rows without a value, these are not numbers.
+/// Like [`scaled`]; with a rule for rows without a value, these are NaN.
 fn scaled_where(mut values: Vec<f64>, factor: f64, limit: f64, slower: Option<Slower>) -> Option<Vec<f64>> {
     if slower.is_none() {
         return scaled(values, factor, limit);
@@ -249,8 +247,8 @@ fn scaled(mut values: Vec<f64>, factor: f64, limit: f64) -> Option<Vec<f64>> {
     if factor != 1.0 {
         values.iter_mut().for_each(|value| *value *= factor);
     }
-    // Not a number compares false, so it is refused too. Folding without leaving early lets the
-    // compiler use vector instructions.
+    // NaN compares false, so it is refused too. Folding without an early exit lets the compiler use vector
+    // instructions.
     let inside = values.iter().fold(true, |inside, value| inside & (value.abs() <= limit));
     inside.then_some(values)
 }
@@ -263,8 +261,8 @@ fn rises(time: &[f64], previous: Option<f64>) -> bool {
     joins && time.iter().zip(time.iter().skip(1)).all(|(a, b)| a < b)
 }
 
-/// Times of rows at `rate`, Hz, after a row at `previous`, s; `rows` are their numbers from there. From the number,
-/// so that nothing adds up.
+/// Times of rows at `rate`, Hz, after a row at `previous`, s; `rows` are their numbers from there. They are computed
+/// from the number, so that errors do not accumulate.
 pub(crate) fn counted(rows: impl IntoIterator<Item = usize>, rate: f64, previous: Option<f64>) -> Vec<f64> {
     let first = previous.map_or(0.0, |time| (time * rate).round() + 1.0);
     rows.into_iter().map(|row| (first + row as f64) / rate).collect()
@@ -288,8 +286,8 @@ fn friction_signals(
         .map(|(row, (joint, level))| {
             let joint = in_range(*joint, 0, joints)?;
             let level = in_range(*level, 0, levels)?;
-            // Between two joints of the friction stage either may be zero. A stage that is not known yet
-            // takes those outside it away later.
+            // Between two joints of the friction stage either may be zero. If the stage is not known yet, values
+            // outside it are removed later.
             let may_be_friction = match stage {
                 StageReading::Known(stages) => stages.get(row) == Some(&Stage::Friction),
                 StageReading::Level(_) | StageReading::Unknown => true,
@@ -305,7 +303,7 @@ fn max_level(map: &ColumnMap) -> u8 {
     if map.levels == 0 { u8::MAX } else { u8::try_from(map.levels).unwrap_or(u8::MAX) }
 }
 
-/// The integer that a double is, where it is one. Beyond 2^53 neighbouring integers share a double.
+/// The integer value of a double, if it has one. Beyond 2^53 neighbouring integers share a double.
 fn whole(value: f64) -> Option<i64> {
     (value.fract() == 0.0 && value.abs() < 9_007_199_254_740_992.0).then_some(value as i64)
 }

@@ -1,4 +1,4 @@
-//! Where the time of a row comes from, and clocks that begin anew or are set: their readings become times that go on.
+//! The source of a row's time, and clocks that restart or are set: their readings are converted to continuous times.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,41 +10,40 @@ const BETWEEN_RECORDINGS: f64 = 1.0;
 /// By how much clocks are set in spring and autumn, s.
 pub(super) const CHANGE_OF_CLOCKS: f64 = 3600.0;
 
-/// Between the row before a change of clocks and the one behind it is a step like others: no longer than this many of
-/// them.
+/// Largest step between the rows before and after a change of clocks, in usual steps.
 const LONGEST_STEP: f64 = 2.5;
 
-/// Part of the usual step that is left of it a row later: it follows shorter steps slowly, and longer ones at once, since
+/// Share of the usual step that is kept a row later: it follows shorter steps slowly, and longer ones at once, since
 /// loggers write several rows at a time.
 const KEPT: f64 = 0.98;
 
 /// The time of the last row of the block before.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PreviousTime {
-    /// In the export's unit, for messages.
+    /// Time in the export's unit, for messages.
     pub recorded: f64,
-    /// In s.
+    /// Time in s.
     pub seconds: f64,
-    /// Usual step of a clock that is text, s.
+    /// Usual step of a text clock, s.
     pub step: f64,
-    /// What such a clock is behind the time since it began anew or was set, s.
+    /// Delay of such a clock behind the time since it restarted or was set, s.
     pub shift: f64,
-    /// Number of the row's cycle, counted on over the recordings of an export.
+    /// Number of the row's cycle, continued over the recordings of an export.
     pub cycle: u32,
-    /// How much that is more than its cycle counter says.
+    /// Difference between that and its cycle counter.
     pub cycle_shift: u32,
-    /// Hash of the row's text, by which a row that repeats it is known.
+    /// Hash of the row's text, which identifies a row that repeats it.
     pub row: Option<ContentHash>,
 }
 
-/// Where the time of a row comes from.
+/// Source of a row's time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeColumn {
     /// The column of this index.
     Recorded(usize),
-    /// The column of this index, which begins again with each recording of the export.
+    /// The column of this index, which restarts with each recording of the export.
     Restarting(usize),
-    /// The column of this index, which begins anew.
+    /// The column of this index, which restarts after its largest value.
     Wrapping {
         /// Column index.
         column: usize,
@@ -55,7 +54,7 @@ pub enum TimeColumn {
     Stamped {
         /// Column index.
         column: usize,
-        /// What times count from.
+        /// Origin of the times.
         origin: ClockOrigin,
     },
     /// The number of the row at this sample rate, Hz.
@@ -63,7 +62,7 @@ pub enum TimeColumn {
 }
 
 impl TimeColumn {
-    /// Column index, where there is one.
+    /// Column index, if there is one.
     #[must_use]
     pub fn column(self) -> Option<usize> {
         match self {
@@ -76,12 +75,12 @@ impl TimeColumn {
     }
 }
 
-/// What times count from in a column of text, and how its clock runs.
+/// Origin of times in a column of text, and type of its clock.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ClockOrigin {
     /// The reading of the first row, ns.
     pub nanoseconds: i64,
-    /// Seconds after which the clock starts again from zero; `None` for one with a date and for elapsed time.
+    /// Seconds after which the clock restarts from zero; `None` for a clock with a date and for elapsed time.
     pub period_s: Option<f64>,
     /// The clock shows local time, which changes by an hour in spring and autumn.
     pub is_local: bool,
@@ -90,7 +89,7 @@ pub struct ClockOrigin {
 /// A jump of a clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
-    /// It starts again from zero.
+    /// It restarts from zero.
     Anew,
     /// It was set back by an hour.
     Back,
@@ -101,8 +100,8 @@ pub enum Turn {
 }
 
 impl PreviousTime {
-    /// The time of a row whose clock says `reading` s, in an export of several recordings: a clock that falls begins another
-    /// one.
+    /// The time of a row whose clock shows `reading` s, in an export of several recordings: a falling clock starts
+    /// another one.
     #[must_use]
     pub fn next_of_recordings(before: Option<&Self>, reading: f64) -> (Self, Option<Turn>) {
         let before = before.copied().unwrap_or(Self { seconds: f64::NEG_INFINITY, ..Self::default() });
@@ -112,7 +111,8 @@ impl PreviousTime {
         (next, falls.then_some(Turn::Restart))
     }
 
-    /// Counts the cycle of the row on, whose counter says `counter`: cycles of another recording follow those before.
+    /// Continues the cycle count for a row whose counter shows `counter`: cycles of another recording follow those
+    /// before.
     fn count_cycle(&mut self, counter: u32, restarts: bool) {
         if restarts && counter.saturating_add(self.cycle_shift) <= self.cycle {
             self.cycle_shift = self.cycle.saturating_add(1).saturating_sub(counter);
@@ -121,10 +121,10 @@ impl PreviousTime {
     }
 }
 
-/// Turns of a clock, each with the row behind it, and the last row.
+/// Turns of a clock, each with the row after it, and the last row.
 type Turns = (Vec<(usize, Turn)>, Option<PreviousTime>);
 
-/// The times of rows with these readings, s, in an export of several recordings, in their place, and the cycle of each row;
+/// Converts readings, s, in an export of several recordings to times, in place, and returns the cycle of each row;
 /// without a counter, each recording is a cycle.
 pub(crate) fn of_recordings(
     readings: &mut [f64],
@@ -172,7 +172,7 @@ impl ClockOrigin {
         (PreviousTime { recorded: reading, seconds, step, shift, ..PreviousTime::default() }, turn)
     }
 
-    /// The times of rows with these readings, s after the origin, in their place; the turns, each with the row behind it; and
+    /// Converts readings, s after the origin, to times, in place; returns the turns, each with the row after it, and
     /// the time of the last row.
     pub(crate) fn go_on(&self, readings: &mut [f64], before: Option<PreviousTime>) -> Turns {
         let (mut last, mut turns) = (before, Vec::new());

@@ -1,5 +1,5 @@
-//! Which column of an export is which channel: the header against a layout, by name, or by number where
-//! the layout says so.
+//! Maps the columns of an export to channels: the header is matched with a layout, by name, or by number if the layout
+//! requires it.
 
 use std::path::Path;
 
@@ -17,13 +17,13 @@ use armwatch_model::run::slower::SlowerChannels;
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
 
-/// Most columns of an export, as many as layouts can number: each is a column of every block that is read.
+/// Most columns of an export, as many as layouts can number: each is a column of every block.
 pub const MAX_COLUMNS: usize = 10_000;
 
-/// What a column of the export is.
+/// Meaning of a column of the export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Not needed; its cells are not looked at.
+    /// Not needed; its cells are not checked.
     Ignored,
     /// Time.
     Time,
@@ -33,7 +33,7 @@ pub enum Role {
     Velocity(JointIndex),
     /// Torque of a joint.
     Torque(JointIndex),
-    /// Stage signal: its column of this place, from 0.
+    /// Stage signal: its column with this index, from 0.
     Stage(usize),
     /// Cycle counter.
     Cycle,
@@ -41,14 +41,14 @@ pub enum Role {
     FrictionJoint,
     /// Speed level of the friction test.
     FrictionLevel,
-    /// Temperature of a joint's motor. A cell that holds no number is no measurement.
+    /// Temperature of a joint's motor. A cell without a number is a missing measurement.
     MotorTemperature(JointIndex, TemperatureUnit),
-    /// Temperature of the hall, likewise.
+    /// Ambient temperature, likewise.
     AmbientTemperature(TemperatureUnit),
 }
 
 impl Role {
-    /// Unit of a temperature; `None` of everything else.
+    /// Unit of a temperature; `None` for all other roles.
     #[must_use]
     pub fn temperature_unit(self) -> Option<TemperatureUnit> {
         match self {
@@ -58,26 +58,26 @@ impl Role {
     }
 }
 
-/// Where each channel stands in an export, and in which unit.
+/// Columns and units of the channels of an export.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColumnMap {
     /// Separator between columns.
     pub delimiter: u8,
-    /// What stands before the decimals of a number.
+    /// Decimal mark of numbers.
     pub decimal: DecimalMark,
     /// Names in the export's order, trimmed.
     pub names: Vec<String>,
     /// Role of each column, in the export's order.
     pub roles: Vec<Role>,
-    /// Where time stands.
+    /// Source of time.
     pub time: TimeColumn,
-    /// How a column of text gives times.
+    /// Form of times in text columns.
     pub text_time: TextTime,
-    /// Number that times in a column of numbers count from, that of the first row; `None` before it is seen.
+    /// Number that times in a numeric column are relative to, that of the first row; `None` before it is read.
     pub time_origin: Option<Decimal>,
     /// Fields that each row must have: all up to the last column that has a name or is needed.
     pub least_fields: usize,
-    /// Column index of each joint's position; empty where none are recorded.
+    /// Column index of each joint's position; empty if none are recorded.
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
     pub velocity: Option<Vec<usize>>,
@@ -91,7 +91,7 @@ pub struct ColumnMap {
     pub friction: Option<FrictionColumns>,
     /// Column index of each joint's motor temperature, where recorded, `[n]`.
     pub motor_temperature: Vec<Option<usize>>,
-    /// Column index of the hall's temperature, where recorded.
+    /// Column index of the ambient temperature, if recorded.
     pub ambient_temperature: Option<usize>,
     /// Factors to SI.
     pub to_si: Factors,
@@ -99,9 +99,9 @@ pub struct ColumnMap {
     pub stage_source: StageSource,
     /// Channels recorded on the motor's side.
     pub motor_side: MotorSide,
-    /// Channels that may have rows without a value, which are not a number then.
+    /// Channels that may have rows without a value, which are NaN then.
     pub slower: SlowerChannels,
-    /// Largest speed level; 0 if the description names none, then any is taken.
+    /// Largest speed level; 0 if the description names none, and any is accepted then.
     pub levels: usize,
 }
 
@@ -119,11 +119,11 @@ pub struct FrictionColumns {
 pub struct Factors {
     /// To s.
     pub time: f64,
-    /// To rad (m), a joint's each, `[n]`.
+    /// To rad (m), for each joint, `[n]`.
     pub position: Vec<f64>,
     /// To rad/s (m/s), `[n]`.
     pub velocity: Vec<f64>,
-    /// To Nm (N), currents and percentages of rated torque included, `[n]`.
+    /// To Nm (N), including currents and percentages of rated torque, `[n]`.
     pub torque: Vec<f64>,
 }
 
@@ -134,7 +134,7 @@ impl ColumnMap {
         self.torque.len()
     }
 
-    /// Whether a cell of this role may be empty.
+    /// Returns true if a cell of this role may be empty.
     #[must_use]
     pub fn may_be_empty(&self, role: Role) -> bool {
         match role {
@@ -147,14 +147,13 @@ impl ColumnMap {
 
 /// Finds the layout's columns in the header line of an export of `robot`.
 ///
-/// Order does not matter and unknown columns are ignored. Names are composed (NFC) and trimmed, quotes around them are
-/// taken off. Velocities may be absent altogether, unless a column is spelled almost like them;
-/// cycle, friction joint and level are used if they are there, the last two only together; so are temperatures,
-/// each for itself.
+/// Order does not matter and unknown columns are ignored. Names are composed (NFC) and trimmed, and quotes around them
+/// are removed. Velocities may be absent altogether, unless a column has a similar name. Cycle, friction joint and
+/// level are used if present, the last two only together. Temperatures are used if present, each independently.
 ///
 /// # Errors
-/// A rejection at line 1: no header, a column twice, another number of joints than the robot has,
-/// no stage signal, or a missing column with its nearest spelling.
+/// A rejection at line 1: no header, a column twice, another number of joints than the robot has, no stage signal, or a
+/// missing column with its nearest spelling.
 pub fn map_columns(
     header: &str,
     layout: &Layout,
@@ -239,7 +238,7 @@ pub fn map_columns(
         assign(friction.joint, Role::FrictionJoint);
         assign(friction.level, Role::FrictionLevel);
     }
-    // Names in the layout differ, but a number may mean the column that another key names.
+    // Names in the layout differ, but a number may select the column that another key names.
     if let Some(column) = twice {
         return Err(search
             .rejection(
@@ -295,7 +294,7 @@ pub(super) fn known_columns(header: &str, layout: &Layout, robot: &Robot, path: 
     names.iter().filter(|name| search.is_named(name)).count()
 }
 
-/// What every question to the header needs.
+/// Data for all searches in the header.
 struct Search<'a> {
     names: &'a [String],
     layout: &'a Layout,
@@ -330,7 +329,7 @@ impl Search<'_> {
         let [only] = self.names else { return Ok(()) };
         let found = [(',', "comma"), (';', "semicolon"), ('\t', "tab"), ('|', "bar")];
         let found = found.iter().find(|(sign, _)| only.contains(*sign)).map(|(_, name)| *name);
-        // as blanks are written in a layout
+        // in a layout's notation for blanks
         let least = 2 * self.robot.joint_count();
         let in_blanks = only.split_whitespace().nth(least).map(|_| "\"blank\"");
         match found.or(in_blanks) {
@@ -342,7 +341,7 @@ impl Search<'_> {
         }
     }
 
-    /// Joints are counted by their position columns; an arm with fewer or more is another arm.
+    /// Refuses an export of an arm with another number of joints, which are counted by their position columns.
     fn refuse_joint_count(&self) -> Result<(), Rejection> {
         let JointColumns::Pattern(pattern) = &self.layout.position.columns else { return Ok(()) };
         let Some((before, after)) = pattern.split_once("{joint}") else { return Ok(()) };
@@ -351,7 +350,7 @@ impl Search<'_> {
         });
         let found = numbers.max().unwrap_or(0);
         let joints = self.robot.joint_count();
-        // Fewer positions than joints is a missing column if the torques are all there.
+        // If there are fewer positions than joints and the torques are complete, a column is missing.
         let torque_of = |joint: usize| {
             self.layout.torque.columns.of_joint(joint).is_some_and(|c| self.find(&c).is_some())
         };
@@ -374,7 +373,7 @@ impl Search<'_> {
         }
     }
 
-    /// A column that may be absent but, if it goes by name, not be there twice.
+    /// An optional column, which must not appear twice if it is selected by name.
     fn optional(&self, column: Option<&Column>) -> Result<Option<usize>, Rejection> {
         let Some(column) = column else { return Ok(None) };
         if let Column::Name(name) = column
@@ -410,14 +409,14 @@ impl Search<'_> {
         self.columns(channel).map(|column| self.needed(&column)).collect()
     }
 
-    /// Columns of the torques, of the joints that have one.
+    /// Columns of the torques, for the joints that have one.
     fn torques(&self) -> Result<Vec<Option<usize>>, Rejection> {
         let of_joint =
             |joint| self.layout.torque_column(joint).map(|column| self.needed(&column)).transpose();
         self.robot.joint_indices().map(of_joint).collect()
     }
 
-    /// Columns of the motors' temperatures, of the joints that have one.
+    /// Columns of the motors' temperatures, for the joints that have one.
     fn motor_temperatures(&self) -> Result<Vec<Option<usize>>, Rejection> {
         let columns = self.layout.motor_temperature.as_ref().map(|motor| &motor.columns);
         (1..=self.robot.joint_count())
@@ -425,7 +424,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// The channel's columns, one a joint.
+    /// The channel's columns, one per joint.
     fn columns<'c>(&self, channel: &'c Channel) -> impl Iterator<Item = Column> + use<'c> {
         (1..=self.robot.joint_count()).filter_map(|joint| channel.columns.of_joint(joint))
     }
@@ -444,7 +443,7 @@ impl Search<'_> {
         })
     }
 
-    /// Whether the export means to have these columns: one is there, or one is spelled almost so.
+    /// Returns true if the export seems to record these columns: one exists, or one has a similar name.
     fn is_recorded(&self, channel: &Channel) -> bool {
         self.columns(channel).any(|column| {
             let name = column.to_string();
@@ -452,8 +451,8 @@ impl Search<'_> {
         })
     }
 
-    /// A question about the column whose name is nearest to `name`, with the character in it that looks like another or like
-    /// nothing.
+    /// A question about the column whose name is nearest to `name`; names the character in it that is invisible or
+    /// looks like another.
     fn suggestion(&self, name: &str) -> String {
         let Some(nearest) = self.nearest(name) else { return String::new() };
         let odd = nearest.chars().find(|c| !c.is_ascii() && !c.is_alphanumeric());
@@ -491,7 +490,7 @@ impl Search<'_> {
     }
 }
 
-/// Levenshtein distance, case aside.
+/// Levenshtein distance, ignoring case.
 fn edit_distance(a: &str, b: &str) -> usize {
     strsim::levenshtein(&a.to_lowercase(), &b.to_lowercase())
 }

@@ -5,8 +5,8 @@ use std::ops::Range;
 use crate::bytes::blocks::is_blank;
 use armwatch_config::BLANKS;
 
-/// The fields of a line: blanks around them and quotes taken off. A quoted field may hold the
-/// delimiter; quotes doubled inside it stay doubled, since no number and no column needs them.
+/// The fields of a line, without surrounding blanks and quotes. A quoted field may contain the delimiter; doubled
+/// quotes inside it stay doubled, since no number and no column needs them.
 pub(crate) fn fields(line: &str, delimiter: u8) -> impl Iterator<Item = &str> {
     let mut next = Some(0);
     std::iter::from_fn(move || {
@@ -20,7 +20,8 @@ pub(crate) fn fields(line: &str, delimiter: u8) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The field that begins at `start`, as [`fields`] gives it, and its end: a delimiter, a line feed, or the end of the text.
+/// The field that begins at `start`, with the same rules as [`fields`], and its end: a delimiter, a line feed, or the
+/// end of the text.
 pub(super) fn field_at(text: &[u8], start: usize, delimiter: u8) -> (Range<usize>, usize) {
     let blank = |byte: &u8| is_blank(*byte) && (delimiter == BLANKS || *byte != delimiter);
     let ends = |byte: &u8| *byte == b'\n' || separates(*byte, delimiter);
@@ -57,7 +58,7 @@ pub(super) fn behind(text: &[u8], end: usize, delimiter: u8) -> Behind {
     }
 }
 
-/// Byte behind the closing quote of a text that begins with a quote; the quote closes in the same line.
+/// Byte after the closing quote of a text that begins with a quote; the quote closes in the same line.
 fn quoted_end(text: &[u8]) -> Option<usize> {
     if text.first() != Some(&b'"') {
         return None;

@@ -1,4 +1,4 @@
-//! The text of a recording in several files as one: rows after each other, or side by side.
+//! Joins the text of a recording in several files: rows one after another, or side by side.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -18,14 +18,15 @@ use armwatch_config::{Column, Layout, PartMatch, TextEncoding};
 use armwatch_model::robot::Robot;
 use armwatch_model::text::of_file_name;
 
-/// Rows at the end that one part may lack, as a share of its rows and at least one: writers do not stop at the same moment.
+/// Rows at the end that one part may lack, as a share of its rows and at least one: writers do not stop at the same
+/// time.
 const LACKING: f64 = 0.01;
 
 type Bytes = Box<dyn Read + Send>;
 
 impl ExportReader<Bytes> {
-    /// Opens what lies at `path`, a file or the parts that the path names, of `most` bytes after decompression each, with the
-    /// running hash of its bytes.
+    /// Opens `path`, a file or the parts that the path names, with at most `most` bytes after decompression each. Also
+    /// returns the running hash of its bytes.
     ///
     /// # Errors
     /// Those of [`ExportReader::new`], and a rejection of a file that cannot be opened and of a missing part.
@@ -41,7 +42,7 @@ impl ExportReader<Bytes> {
     }
 }
 
-/// The text of what lies at `path`, the hash of its bytes, and the layout of the text.
+/// The text of `path`, the hash of its bytes, and the layout of the text.
 pub(super) fn open<'l>(
     path: &Path,
     layout: &'l Layout,
@@ -56,7 +57,7 @@ pub(super) fn open<'l>(
     }
     let matching = layout.parts.as_ref().map_or(PartMatch::After, |rule| rule.matching);
     let mut files: VecDeque<(String, PathBuf)> = parts.files().into();
-    // what is before the rows is read here; its lines stay blank, so that lines keep their numbers
+    // the lines before the rows are read here and replaced by blank lines, so that lines keep their numbers
     let mut text = layout.text.clone();
     (text.skip_lines, text.skip_after_header, text.encoding) = (0, 0, TextEncoding::Utf8);
     let of_joined = Cow::Owned(Layout { text, ..layout.clone() });
@@ -88,13 +89,13 @@ pub fn missing_part(path: &Path, missing: &Path) -> Rejection {
     Rejection::of_file(path, format!("a recording without its part {name}, which is missing"), remedy)
 }
 
-/// A part whose header is read.
+/// A part whose header was read.
 struct Part {
     name: String,
     path: PathBuf,
     header: Header,
     blocks: Blocks<Bytes>,
-    /// Whole lines, read up to `at`.
+    /// Whole lines; those before `at` are already read.
     block: Vec<u8>,
     at: usize,
     /// The last line has no line end.
@@ -128,7 +129,7 @@ impl Part {
             let place = rejection.line.map_or_else(String::new, |line| format!("line {line}: "));
             unreadable(format!("part {name}: {place}{}", rejection.reason), &rejection.remedy)
         })?;
-        // a part does not grow any more
+        // a part does not grow
         let Next::Block(block) = next else { return Ok(false) };
         self.is_open = block.unterminated;
         self.blocks.give_back(std::mem::replace(&mut self.block, block.bytes));
@@ -151,7 +152,7 @@ impl Part {
     }
 }
 
-/// Blank lines in place of those above the header, the header, and blank lines for those between header and rows.
+/// The header, with blank lines instead of the lines above it and between header and rows.
 fn head(header: &str, line: u64, layout: &Layout) -> Vec<u8> {
     let above = usize::try_from(line.saturating_sub(1)).unwrap_or(0).min(100_000);
     let mut text = vec![b'\n'; above];
@@ -163,8 +164,8 @@ fn head(header: &str, line: u64, layout: &Layout) -> Vec<u8> {
     text
 }
 
-/// Parts one after the other. The header of later parts is left out; without one, a part goes on where the one before ends,
-/// also within a line.
+/// Parts one after another. The header of later parts is omitted; without a header, a part continues exactly at the end
+/// of the one before, even within a line.
 struct Following {
     header: String,
     current: Option<Part>,
@@ -197,7 +198,7 @@ impl Following {
         }
     }
 
-    /// Puts the next bytes into the output; nothing at the end.
+    /// Puts the next bytes into the output; none at the end.
     fn refill(&mut self) -> io::Result<()> {
         self.given = 0;
         self.output.clear();
@@ -253,12 +254,12 @@ fn give(output: &[u8], given: &mut usize, buffer: &mut [u8]) -> usize {
     count
 }
 
-/// A part beside others.
+/// A part in a side-by-side recording.
 struct Side {
     part: Part,
-    /// Place of its time, where rows match by time.
+    /// Index of its time column, if rows match by time.
     time: Option<usize>,
-    /// Cells of a row in which it has none.
+    /// Cells for a row that it does not have.
     empty: Vec<u8>,
     /// The next row with its time.
     next: Option<(f64, Vec<u8>)>,
@@ -268,9 +269,9 @@ struct Side {
 struct SideBySide {
     columns: Vec<Side>,
     layout: Layout,
-    /// Time of the row before and step to it, where rows match by time.
+    /// Time of the row before and step to it, if rows match by time.
     before: Option<(f64, f64)>,
-    /// All parts have begun.
+    /// All parts have started.
     has_begun: bool,
     is_done: bool,
     output: Vec<u8>,
@@ -372,7 +373,7 @@ impl SideBySide {
             self.is_done = true;
             return Ok(());
         };
-        // half a step to either side; the first row has no step yet, and only the same time matches
+        // half a step on either side; the first row has no step yet, and only the same time matches
         let half = self.before.map_or(0.0, |(before, _)| 0.5 * (time - before));
         self.before = Some((time, half));
         let start = self.output.len();
@@ -450,7 +451,7 @@ impl Read for SideBySide {
     }
 }
 
-/// A field as it stands in a line.
+/// A field in the form of a line.
 fn quoted(field: &str, delimiter: &str) -> String {
     let is_plain = !field.contains(delimiter) && !field.contains('"') && !field.contains(char::is_whitespace);
     if is_plain { field.to_owned() } else { format!("\"{}\"", field.replace('"', "\"\"")) }

@@ -1,15 +1,15 @@
-//! Repairs without which an export could not be read, with their places.
+//! Repairs that make an export readable, with their places.
 
 use std::collections::BTreeMap;
 
 use super::clock::Turn;
 
-/// A kind of place that is understood although it is not as it should be.
+/// A kind of deviation that is understood nevertheless.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Mend {
-    /// A row that repeats the one before in every cell is left out.
+    /// A row that repeats the one before in every cell is omitted.
     Repeated,
-    /// NUL bytes behind the last row are left out.
+    /// NUL bytes after the last row are omitted.
     TrailingNuls,
     /// Times continue across a turn of the clock.
     Clock(Turn),
@@ -18,7 +18,7 @@ pub enum Mend {
 /// Places of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Places {
-    /// How many: rows, bytes or turns of the clock.
+    /// Their number: rows, bytes or turns of the clock.
     pub count: u64,
     /// Line of the first in the decompressed file, from 1.
     pub first_line: u64,

@@ -1,5 +1,5 @@
-//! Blocks to rows: sound ones in one pass with `block_reader.rs`, others with [`super::cell_reader`], which either
-//! understands them or names the first bad cell.
+//! Converts blocks to rows: valid ones in one pass with `block_reader.rs`, others with [`super::cell_reader`], which
+//! either understands them or names the first bad cell.
 
 use std::path::Path;
 
@@ -30,8 +30,8 @@ impl Parser {
         Self { map, reader }
     }
 
-    /// Lets times count from the first of them that is understood in this block, which the export begins with.
-    /// Whether there is one; others are left to reading.
+    /// Makes times relative to the first one that is understood in this block, with which the export begins. Returns
+    /// true if there is one; otherwise reading reports the fault.
     pub(crate) fn count_from(&mut self, block: &Block) -> bool {
         let Some(column) = self.map.time.column() else { return true };
         let (delimiter, decimal, to_s) = (self.map.delimiter, self.map.decimal, self.map.to_si.time);
@@ -53,13 +53,13 @@ impl Parser {
         }
     }
 
-    /// Lets times count from this number in the column of time, where there is one.
+    /// Makes times relative to this number in the time column, if there is one.
     pub(crate) fn count_from_number(&mut self, number: Option<cell::Decimal>) {
         self.map.time_origin = number;
         self.reader = BlockReader::new(&self.map);
     }
 
-    /// What dates and times count from, where they do.
+    /// Origin of dates and times, if there is one.
     pub(crate) fn counted_from(&self) -> Option<ClockOrigin> {
         match self.map.time {
             TimeColumn::Stamped { origin, .. } => Some(origin),
@@ -67,7 +67,7 @@ impl Parser {
         }
     }
 
-    /// Lets dates and times count from this origin.
+    /// Makes dates and times relative to this origin.
     pub(crate) fn count_from_moment(&mut self, moment: ClockOrigin) {
         if let TimeColumn::Stamped { origin, .. } = &mut self.map.time {
             *origin = moment;
@@ -87,10 +87,10 @@ impl Parser {
         self.read_passing_over(block, previous, path, 0).map(|read| read.samples)
     }
 
-    /// As [`Parser::read`], passing over `most` bad rows at most, see [`cell_reader::read_passing_over`].
+    /// Like [`Parser::read`], but skips at most `most` bad rows, see [`cell_reader::read_passing_over`].
     ///
     /// # Errors
-    /// As [`Parser::read`], of the first bad row beyond `most`.
+    /// Those of [`Parser::read`], for the first bad row beyond `most`.
     pub fn read_passing_over(
         &self,
         block: &Block,
@@ -114,13 +114,13 @@ impl Parser {
         }
     }
 
-    /// Where each channel stands.
+    /// Column of each channel.
     #[must_use]
     pub fn map(&self) -> &ColumnMap {
         &self.map
     }
 
-    /// The needed columns, or `None` if anything is unsound.
+    /// The needed columns, or `None` if anything is invalid.
     fn columns(&self, bytes: &[u8]) -> Option<RawColumns> {
         self.reader.columns(bytes, &self.map)
     }
@@ -161,7 +161,7 @@ mod tests {
         }
     }
 
-    /// The same lines by another way: polars, which takes all columns as numbers.
+    /// The same lines by another method: polars, which reads all columns as numbers.
     fn by_polars(bytes: &[u8], columns: usize, delimiter: u8) -> RawColumns {
         let field = |column: usize| Field::new(column.to_string().into(), DataType::Float64);
         let format = CsvParseOptions::default().with_separator(delimiter);
@@ -181,7 +181,7 @@ mod tests {
         columns.iter().map(|column| column.iter().map(|number| number.to_bits()).collect()).collect()
     }
 
-    /// The lines with each cell of a row written another way.
+    /// The lines with each cell of a row written differently.
     fn rewritten(text: &str, delimiter: char, write: impl Fn(usize, &str) -> String) -> String {
         let line = |line: &str| {
             let cells: Vec<String> = line.split(',').enumerate().map(|(at, cell)| write(at, cell)).collect();
@@ -255,7 +255,7 @@ mod tests {
         }
     }
 
-    /// Slow reading gives the same rows, so only this notices if common files take the slow road.
+    /// Slow reading gives the same rows, so only this test detects that common files are read slowly.
     #[test]
     fn common_variants_do_not_need_the_exact_reader() {
         for name in [
@@ -273,7 +273,7 @@ mod tests {
         }
     }
 
-    /// Decimal commas, counts and timestamps go the fast way too.
+    /// Decimal commas, counts and timestamps are read fast too.
     #[test]
     fn other_numbers_and_times_do_not_need_the_exact_reader() {
         let mut comma = native();
@@ -295,7 +295,7 @@ mod tests {
         }
     }
 
-    /// What a cell of a damaged file may hold.
+    /// Possible contents of a cell in a damaged file.
     fn cell() -> impl Strategy<Value = String> {
         let odd = [
             "",
@@ -333,7 +333,7 @@ mod tests {
         ]
     }
 
-    /// polars takes a byte order mark away wherever a block begins, and the reader of cells nowhere.
+    /// polars removes a byte order mark at the start of any block, and the reader of cells never does.
     #[test]
     fn a_byte_order_mark_where_a_block_begins_is_no_number() {
         let (_, text) = made_recording(9);

@@ -1,8 +1,8 @@
 //! Numbers as text, several bytes at once.
 //!
-//! Up to fifteen digits make a whole number that a double holds exactly, and so is ten to the power of their decimals:
-//! one division rounds once, which gives the nearest double (Clinger 1990, How to read floating point numbers
-//! accurately). Longer numbers go to the standard library, which gives the nearest double too.
+//! Up to fifteen digits make a whole number that a double represents exactly, and so is ten to the power of their
+//! decimals: one division rounds once, which gives the nearest double (Clinger 1990, How to read floating point numbers
+//! accurately). The standard library reads longer numbers, and also gives the nearest double.
 
 use std::num::NonZeroUsize;
 
@@ -16,7 +16,7 @@ const LONGEST: usize = 64;
 const POWERS: [f64; 2 * WORD] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
-/// All powers of ten that a double holds exactly.
+/// All powers of ten that a double represents exactly.
 const EXACT_POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18,
     1e19, 1e20, 1e21, 1e22,
@@ -27,14 +27,14 @@ struct Digits {
     negative: bool,
     /// All digits as a whole number, at most fifteen of them.
     whole: u64,
-    /// Digits behind the decimal mark.
+    /// Digits after the decimal mark.
     decimals: usize,
     /// Their end.
     end: usize,
 }
 
 impl Digits {
-    /// Those that begin at `start`; `None` for anything else, and for more than fifteen.
+    /// Reads the digits that begin at `start`; `None` for anything else, and for more than fifteen.
     #[inline(always)]
     fn at(text: &[u8], start: usize, point: u8) -> Option<Self> {
         let negative = *text.get(start)? == b'-';
@@ -50,7 +50,7 @@ impl Digits {
         let (end, joined) = if bytes[first] == point {
             let behind = others[0] & (others[0] - 1);
             let end = if behind == 0 { WORD + place(others[1]) } else { place(behind) };
-            // digits behind the mark move into its place
+            // digits after the mark move into its place
             let before = (1_u64 << (8 * first)) - 1;
             (end, (low & before) | (((low >> 8) | (high << 56)) & !before))
         } else {
@@ -60,7 +60,7 @@ impl Digits {
         let count = end - with_point;
         let whole = match count {
             1..=WORD => eight_digits(joined << (8 * (WORD - count))),
-            // no more than fifteen, for the line does not end within the words otherwise
+            // no more than fifteen, because otherwise the line would not end within the words
             9.. if others[1] != 0 => {
                 let rest = (high >> 8) << (8 * (2 * WORD - count));
                 eight_digits(joined) * POWERS[count - WORD] as u64 + eight_digits(rest)
@@ -70,23 +70,25 @@ impl Digits {
         Some(Self { negative, whole, decimals: end - first - with_point, end: digits + end })
     }
 
-    /// Their size with the sign. Signs of noise cannot be guessed: no branch.
+    /// The number `size` with the sign. Signs of noise are unpredictable, so this uses no branch.
     #[inline(always)]
     fn signed(&self, size: f64) -> f64 {
         f64::from_bits(size.to_bits() | (u64::from(self.negative) << (u64::BITS - 1)))
     }
 
-    /// Fifteen digits are a signed number, too, which takes one instruction to convert.
+    /// Fifteen digits fit a signed number too, which takes one instruction to convert.
     #[inline(always)]
     fn whole(&self) -> f64 {
         self.whole.cast_signed() as f64
     }
 }
 
-/// The number that begins at `start`, digits with a decimal mark `point` or without and a minus or no sign, and where
-/// it ends; `None` for anything else. What follows it is not looked at, but must follow: text ends with a line end.
+/// The number that begins at `start`: digits with or without a decimal mark `point`, and a minus or no sign. Also
+/// returns its end; `None` for anything else. The text after it is not checked, but must exist: text ends with a line
+/// end.
 ///
-/// The end is not zero, so that the processor returns all of it in registers: the next number waits for the end of this one.
+/// The end is not zero, so that the processor returns all of it in registers: the next number waits for the end of this
+/// one.
 #[inline(always)]
 pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
     match Digits::at(text, start, point) {
@@ -98,7 +100,7 @@ pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, No
     }
 }
 
-/// As [`number_at`], of a number with an exponent behind `e`, `E`, `d` or `D`.
+/// Like [`number_at`], for a number with an exponent after `e`, `E`, `d` or `D`.
 #[inline]
 pub(super) fn exponent_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
     let Some(digits) = Digits::at(text, start, point) else {
@@ -142,13 +144,13 @@ const fn repeated(byte: u8) -> u64 {
     u64::from_le_bytes([byte; WORD])
 }
 
-/// The high bit of each byte that is no digit, of a word from whose bytes `0` was taken.
+/// The high bit of each byte that is not a digit, of a word from whose bytes `0` was subtracted.
 #[inline(always)]
 fn non_digits(word: u64) -> u64 {
     (((word & repeated(0x7f)) + repeated(0x76)) | word) & repeated(0x80)
 }
 
-/// The byte of the lowest bit; [`WORD`] where there is none.
+/// The byte of the lowest bit; [`WORD`] if there is none.
 #[inline(always)]
 fn place(of: u64) -> usize {
     (of.trailing_zeros() / 8) as usize
@@ -180,7 +182,7 @@ fn long_exponent_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64,
     parsed(text, start, exponent_at(text, end + 1)?.1, point)
 }
 
-/// The end of digits with at most one decimal mark.
+/// End of digits with at most one decimal mark.
 fn mantissa_end(text: &[u8], start: usize, point: u8) -> Option<usize> {
     let is_part = |byte: &&u8| byte.is_ascii_digit() || **byte == point;
     let part = text.get(start..)?.iter().take(LONGEST).take_while(is_part);
@@ -189,7 +191,7 @@ fn mantissa_end(text: &[u8], start: usize, point: u8) -> Option<usize> {
     (length > points && points <= 1 && length < LONGEST).then_some(start + length)
 }
 
-/// The number between two places, as the standard library reads it.
+/// The number between two positions, by the standard library.
 fn parsed(text: &[u8], start: usize, end: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
     let text = text.get(start..end)?;
     if point == b'.' && !text.iter().any(|byte| matches!(byte, b'd' | b'D')) {
@@ -214,7 +216,7 @@ mod tests {
 
     use super::*;
 
-    /// The number by another road: fast-float2, which polars reads with.
+    /// The number by another method: fast-float2, which polars uses.
     fn expected(cell: &str) -> Option<f64> {
         let digits = cell.strip_prefix('-').unwrap_or(cell);
         let plain =
@@ -234,7 +236,7 @@ mod tests {
                 let text = format!("{before}{written}{behind}");
                 let found = number_at(text.as_bytes(), before.len(), point);
                 let found = found.map(|(number, end)| (number, end.get()));
-                // what is no number may be one with something behind it, which its reader refuses
+                // a text that is not a number may be one with text after it, which its reader refuses
                 let whole =
                     found.filter(|(_, end)| *end == before.len() + cell.len()).map(|(number, _)| number);
                 assert_eq!(whole.map(f64::to_bits), expected(cell).map(f64::to_bits), "{text:?}");
@@ -242,7 +244,7 @@ mod tests {
         }
     }
 
-    /// Exponents by another way: the standard library.
+    /// Checks exponents by another method: the standard library.
     fn assert_exponent(cell: &str) {
         let plain = cell.replace(['d', 'D'], "e");
         let expected = plain.contains(['e', 'E']).then(|| plain.parse::<f64>().ok()).flatten();

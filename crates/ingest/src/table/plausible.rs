@@ -1,6 +1,6 @@
-//! Decides whether a refused file looks like an export. The log, the API and copies of the database show the reason of a
-//! refusal to people without access to the file, which may be a list of passwords under another name. The reason therefore
-//! quotes the file only if it looks like an export, and describes it otherwise.
+//! Decides if a refused file looks like an export. The log, the API and copies of the database show the reason of a
+//! refusal to people without access to the file, which may be a list of passwords under another name. The reason
+//! therefore quotes the file only if it looks like an export, and describes it otherwise.
 
 use std::path::Path;
 
@@ -15,15 +15,16 @@ const FEWEST_COLUMNS: usize = 3;
 /// Longest name of a column, characters.
 const LONGEST_NAME: usize = 64;
 
-/// Separators that exports are written with.
+/// Separators of exports.
 const DELIMITERS: [u8; 5] = [b',', b';', b'\t', b'|', b' '];
 
-/// Whether this number of columns known to the layout shows that a file is an export.
+/// Returns true if this number of columns known to the layout shows that a file is an export.
 pub(super) fn shows_export(known_columns: usize) -> bool {
     known_columns >= FEWEST_COLUMNS
 }
 
-/// Whether a header and the lines below it look like an export: names, and a row with as many cells, mostly numbers.
+/// Returns true if a header and the lines below it look like an export: names, and a row with as many cells, mostly
+/// numbers.
 pub(super) fn is_export<'l>(header: &str, below: impl Iterator<Item = &'l str> + Clone) -> bool {
     DELIMITERS.into_iter().any(|delimiter| {
         let count = fields(header, delimiter).count();
@@ -40,7 +41,7 @@ pub(super) fn is_export<'l>(header: &str, below: impl Iterator<Item = &'l str> +
     })
 }
 
-/// The rejection of a file that is no export, which quotes nothing of it.
+/// The rejection of a file that is not an export, which quotes nothing from it.
 pub(super) fn no_export(path: &Path, line: u64, header: &str, layout: &Layout) -> Rejection {
     let columns = fields(header, layout.delimiter).count();
     let plural = if columns == 1 { "" } else { "s" };

@@ -1,4 +1,4 @@
-//! What stands before the rows of an export: lines to skip, comments, the header, a row of units.
+//! Reads the lines before the rows of an export: lines to skip, comments, the header, a row of units.
 
 use std::io::Read;
 use std::path::Path;
@@ -9,26 +9,25 @@ use crate::bytes::blocks::{Blocks, Line};
 use crate::rejection::Rejection;
 use armwatch_config::Layout;
 
-/// Most lines of comment before a header; more are no export.
+/// Most comment lines before a header; a file with more is not an export.
 const MAX_COMMENTS: usize = 10_000;
 
 /// The header of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
-    /// The line of column names; where there is none, the first row.
+    /// The line of column names; if there is none, the first row.
     pub text: String,
     /// Its number in the decompressed file, from 1.
     pub line: u64,
 }
 
-/// Takes everything before the rows off `blocks`.
+/// Takes everything before the rows from `blocks`.
 ///
-/// Blank lines and comments before the header are skipped. A header may itself stand behind the sign of a
-/// comment, as some programs write it: it is the last comment, if a row of numbers follows it.
-/// `None` as long as not all of it has been written.
+/// Blank lines and comments before the header are skipped. A header may be a comment itself, as some programs write it:
+/// it is the last comment, if a row of numbers follows it. `None` as long as it is incomplete.
 ///
 /// # Errors
-/// As [`Blocks::next_line`].
+/// Those of [`Blocks::next_line`].
 pub fn read<R: Read>(
     blocks: &mut Blocks<R>,
     layout: &Layout,
@@ -38,7 +37,7 @@ pub fn read<R: Read>(
     let mut comments = 0;
     loop {
         let Some(line) = blocks.next_line(path)? else {
-            // Comments and nothing else: let the last one be judged as a header.
+            // Only comments: check the last one as a header.
             let last = comment.filter(|_| blocks.is_at_end());
             return Ok(last.map(|line| Header { text: line.text, line: line.number }));
         };
@@ -74,7 +73,7 @@ fn is_comment(line: &Line, layout: &Layout) -> bool {
     !sign.is_empty() && line.text.trim_start().starts_with(sign.as_str())
 }
 
-/// Whether a line holds numbers and nothing else.
+/// Returns true if a line contains only numbers.
 fn is_numbers(text: &str, layout: &Layout) -> bool {
     let mut cells = fields(text, layout.delimiter).filter(|cell| !cell.is_empty()).peekable();
     cells.peek().is_some() && cells.all(|cell| cell::number(cell, layout.text.decimal).is_ok())

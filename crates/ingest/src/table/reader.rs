@@ -1,4 +1,4 @@
-//! The rows of an export, chunk by chunk, with the place of whatever is not understood.
+//! The rows of an export, chunk by chunk, with the place of any error.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -21,10 +21,11 @@ use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, RawSamples};
 use armwatch_model::text;
 
-/// Lines below a line that is no header in which a header is looked for, to say how many to skip.
+/// Lines below an invalid header that are searched for a header, so that the message can give the number of lines to
+/// skip.
 const MOST_LINES_ABOVE_HEADER: usize = 100;
 
-/// How an export is read.
+/// Options for reading an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Bytes of a block.
@@ -44,11 +45,11 @@ pub struct Chunk {
     pub samples: RawSamples,
     /// Line of the first row in the decompressed file, from 1.
     pub first_line: u64,
-    /// Where the reader stood before them.
+    /// Position of the reader before them.
     pub position: ReadPosition,
 }
 
-/// Where a reader stands before a row: with it, another reader of the same export goes on.
+/// Position of a reader before a row: it lets another reader of the same export continue there.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ReadPosition {
     /// Line of the row in the decompressed file, from 1.
@@ -57,28 +58,28 @@ pub struct ReadPosition {
     pub byte: u64,
     /// Rows before it.
     pub rows: u64,
-    /// Bad rows before it that were passed over, beyond those.
+    /// Bad rows before it that were skipped, in addition to those.
     pub rows_skipped: u64,
-    /// Time of the row before, as recorded and counted on.
+    /// Time of the row before, as recorded and as converted.
     pub previous: Option<PreviousTime>,
-    /// Number that times count from, in the export's unit, where time is a column of numbers.
+    /// Number that times are relative to, in the export's unit, if time is a column of numbers.
     pub origin: Option<Decimal>,
-    /// What dates and times count from, where they do.
+    /// Origin of dates and times, if there are any.
     pub moment: Option<ClockOrigin>,
 }
 
-/// What an export gives next.
+/// Next item of an export.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// Rows.
+    /// Some rows.
     Rows(Box<Chunk>),
-    /// No whole row now; the file may still grow.
+    /// No whole row yet; the file may still grow.
     Waiting,
     /// No more rows.
     End,
 }
 
-/// A last line that was left out.
+/// A last line that was omitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LeftOut {
     /// Its number in the decompressed file, from 1.
@@ -87,37 +88,37 @@ pub struct LeftOut {
     pub reason: &'static str,
 }
 
-/// Of a last line that reads well and has no line end.
+/// Reason for a last line that is valid but has no line end.
 const MAY_BE_CUT: &str = "has no line end and its last number may be cut";
 
-/// Of a last line that has too few fields, or whose last cell is not understood.
+/// Reason for a last line that has too few fields, or whose last cell is not understood.
 const IS_CUT: &str = "has too few fields or ends inside a cell";
 
 /// The rows of an export, chunk by chunk. Ends after the first rejection.
 ///
-/// An export without rows gives a rejection, so at least one item comes.
+/// An export without rows gives a rejection, so there is at least one item.
 #[derive(Debug)]
 pub struct ExportReader<R> {
     blocks: Blocks<R>,
     parser: Parser,
     path: PathBuf,
-    /// The header has columns that the layout names, so the file may be quoted from the first row on.
+    /// The header has columns of the layout, so messages may quote the file from the first row on.
     is_known: bool,
     /// Line of the header; `None` without one.
     header_line: Option<u64>,
-    /// The header, of this file or of the rows before its first one; `None` if columns go by number.
+    /// The header, of this file or of the rows before its first one; `None` if columns are selected by number.
     header: Option<String>,
     previous: Option<PreviousTime>,
-    /// Whether it is known what times count from.
+    /// True if the origin of times is known.
     has_moment: bool,
-    /// Most bad rows that are passed over.
+    /// Most bad rows that are skipped.
     most_bad: u64,
     passed_over: PassedOver,
     mended: Mended,
-    /// A line with too few fields, of which it is not known yet whether it is the last.
+    /// A line with too few fields that may be the last one.
     held: Option<Block>,
     left_out: Option<LeftOut>,
-    /// A rejection that follows the rows given last.
+    /// A rejection that follows the rows returned last.
     fault: Option<Rejection>,
     rows: u64,
     done: bool,
@@ -127,7 +128,7 @@ impl<R: Read> ExportReader<R> {
     /// Reads the header. `path` is for messages only.
     ///
     /// # Errors
-    /// A rejection of the file or its header, as [`preamble::read`] and [`map_columns`] give it.
+    /// A rejection of the file or its header, from [`preamble::read`] and [`map_columns`].
     pub fn new(
         reader: R,
         path: &Path,
@@ -139,11 +140,11 @@ impl<R: Read> ExportReader<R> {
         read.ok_or_else(|| Rejection::of_file(path, "an empty file", cell_reader::CUT_REMEDY))
     }
 
-    /// As [`ExportReader::new`], of a file that may still grow: `None` as long as its header has no
-    /// line end; also of an empty file.
+    /// Like [`ExportReader::new`], for a file that may still grow: `None` as long as its header has no line end; also
+    /// for an empty file.
     ///
     /// # Errors
-    /// As [`ExportReader::new`].
+    /// Those of [`ExportReader::new`].
     pub fn of_growing(
         reader: R,
         path: &Path,
@@ -174,7 +175,7 @@ impl<R: Read> ExportReader<R> {
                 if let Some((_, line)) = below.iter().find(is_header).filter(|_| layout.header) {
                     return Err(rejection.with_header_at(*line));
                 }
-                // those without a column quote nothing
+                // without a column the message quotes nothing
                 let may_be_quoted = is_known
                     || rejection.column.is_none()
                     || plausible::is_export(&header.text, below.iter().map(|(text, _)| &**text));
@@ -204,55 +205,54 @@ impl<R: Read> ExportReader<R> {
         })
     }
 
-    /// Where each channel stands.
+    /// Column of each channel.
     #[must_use]
     pub fn columns(&self) -> &ColumnMap {
         self.parser.map()
     }
 
-    /// The header of the rows; `None` if columns go by number.
+    /// The header of the rows; `None` if columns are selected by number.
     #[must_use]
     pub fn header(&self) -> Option<&str> {
         self.header.as_deref()
     }
 
-    /// How the file writes its text, as far as it was read.
+    /// Encoding of the file, as far as it was read.
     #[must_use]
     pub fn encoding(&self) -> Found {
         self.blocks.encoding()
     }
 
-    /// Rows given so far.
+    /// Rows returned so far.
     #[must_use]
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// The last line, where it was left out because the writer did not get to its end; see
-    /// [`cell_reader::judge_last_line`].
+    /// The last line, if it was omitted because the writer did not complete it; see [`cell_reader::judge_last_line`].
     #[must_use]
     pub fn left_out(&self) -> Option<LeftOut> {
         self.left_out
     }
 
-    /// The bad rows that were passed over so far; the first of them is unknown where another reader met it.
+    /// The bad rows that were skipped so far; the first of them is unknown if another reader found it.
     #[must_use]
     pub fn passed_over(&self) -> &PassedOver {
         &self.passed_over
     }
 
-    /// What was mended so far, as far as this reader met it.
+    /// Repairs so far, as far as this reader made them.
     #[must_use]
     pub fn mended(&self) -> &Mended {
         &self.mended
     }
 
-    /// Passes over rows, a block of them at most, on the way to `position`, where a reader of the same export stood.
-    /// To be called before the first [`ExportReader::step`], until it says [`Passed::There`]; with
-    /// [`Passed::Elsewhere`] the export is another one, and this reader is of no use.
+    /// Skips rows, a block of them at most, on the way to `position`, the position of an earlier reader of the same
+    /// export. Must be called before the first [`ExportReader::step`], until it returns [`Passed::There`]; with
+    /// [`Passed::Elsewhere`] the export is another one, and this reader must not be used.
     ///
     /// # Errors
-    /// A rejection of a file that cannot be read so far.
+    /// A rejection of a file that is unreadable within this part.
     pub fn pass_to(&mut self, position: &ReadPosition) -> Result<Passed, Rejection> {
         let passed = self.blocks.pass_to(position.line, position.byte, &self.path)?;
         if passed == Passed::There {
@@ -277,8 +277,7 @@ impl<R: Read> ExportReader<R> {
         }
     }
 
-    /// The next rows. To be asked again after [`Step::Waiting`], and no more after [`Step::End`] or a
-    /// rejection.
+    /// The next rows. Must be called again after [`Step::Waiting`], and not after [`Step::End`] or a rejection.
     ///
     /// # Errors
     /// A rejection of the first line that is not understood, after the rows before it.
@@ -292,7 +291,7 @@ impl<R: Read> ExportReader<R> {
                 Next::Later => return Ok(Step::Waiting),
                 Next::End => return self.end(),
             };
-            // what follows a short line says that it was not the last one
+            // more lines prove that the short line was not the last one
             if let Some(held) = self.held.take() {
                 self.take_rows(held)?;
             }
@@ -311,14 +310,14 @@ impl<R: Read> ExportReader<R> {
         }
     }
 
-    /// The rows of a block, counted. A fault behind some of them comes with the next step.
+    /// The rows of a block, counted. A fault after some of them is returned by the next step.
     fn take_rows(&mut self, block: Block) -> Result<RawSamples, Rejection> {
         if !self.has_moment {
             self.has_moment = self.parser.count_from(&block);
         }
         let left = self.most_bad.saturating_sub(self.passed_over.rows);
         let read = self.parser.read_passing_over(&block, self.previous, &self.path, left);
-        // rows that are counted count all lines
+        // the count of rows includes all lines
         let lines = match self.parser.map().time {
             TimeColumn::Counted(_) => line_count(&block.bytes),
             _ => 0,
@@ -340,7 +339,8 @@ impl<R: Read> ExportReader<R> {
         Ok(samples)
     }
 
-    /// The rejection of a line of `block` with its place in the file, and with what a first line of words means.
+    /// Adds the place in the file to the rejection of a line of `block`, and an explanation if a first line consists of
+    /// words.
     fn placed(&self, mut rejection: Rejection, block: &Block) -> Rejection {
         let Some(line) = rejection.line else { return rejection };
         let before = start_of_line(block, line).and_then(|at| block.bytes.get(..at)).unwrap_or_default();
@@ -357,7 +357,7 @@ impl<R: Read> ExportReader<R> {
         rejection
     }
 
-    /// The remedy of a bad row, with the setting that passes over such rows.
+    /// The remedy for a bad row, with the setting that skips such rows.
     fn with_skip_bad(&self, rejection: &Rejection) -> String {
         let remedy = &rejection.remedy;
         match (rejection.is_bad_row, self.most_bad) {
@@ -374,11 +374,11 @@ impl<R: Read> ExportReader<R> {
         }
     }
 
-    /// The rows of a block before its fault, which comes with the next chunk: what is given does not
-    /// depend on where blocks end.
+    /// The rows of a block before its fault, which comes with the next chunk: the result does not depend on the block
+    /// boundaries.
     ///
     /// # Errors
-    /// The rejection itself where no row stands before it.
+    /// The rejection itself if there is no row before it.
     fn rows_before(
         &mut self,
         mut block: Block,
@@ -398,8 +398,8 @@ impl<R: Read> ExportReader<R> {
         }
     }
 
-    /// The rejection of a row with no understood row before it. If no name of a column shows that the file is an export, it
-    /// may be anything, and its words are left out.
+    /// The rejection of a row with no understood row before it. If no column name shows that the file is an export, it
+    /// may be any file, and its text is not quoted.
     fn unquoted(&self, mut rejection: Rejection) -> Rejection {
         if self.rows == 0 && !self.is_known {
             let names = &self.parser.map().names;
@@ -413,7 +413,7 @@ impl<R: Read> ExportReader<R> {
         rejection
     }
 
-    /// Takes the last line of a block off where it has too few fields: whether it is the file's last shows later.
+    /// Removes the last line of a block if it has too few fields: the next block shows if it is the file's last.
     fn hold_short_line(&mut self, block: &mut Block) {
         let last = cell_reader::lines(&block.bytes).next_back().unwrap_or_default();
         if !cell_reader::is_short(last, self.parser.map()) {
@@ -430,7 +430,7 @@ impl<R: Read> ExportReader<R> {
         });
     }
 
-    /// Takes the last line of a file without line end off its block where it may be cut.
+    /// Removes the last line of a file without line end from its block if it may be cut.
     fn judge_end(&mut self, block: &mut Block) -> Result<(), Rejection> {
         let lines = line_count(&block.bytes);
         let number = block.first_line + lines.saturating_sub(1);
@@ -485,7 +485,8 @@ impl<R: Read> ExportReader<R> {
         tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
     }
 
-    /// Notes the last time of a block of `lines` lines, with the hash of its last line and what its clock shows there.
+    /// Notes the last time of a block of `lines` lines, with the hash of its last line and the reading of its clock
+    /// there.
     fn note_time(
         &mut self,
         samples: &RawSamples,
@@ -498,7 +499,7 @@ impl<R: Read> ExportReader<R> {
             let recorded = last / map.to_si.time + origin;
             self.previous = Some(PreviousTime { recorded, seconds: *last, row, ..clock.unwrap_or_default() });
         }
-        // counted rows go on behind the last line, also where it was passed over
+        // counted rows continue after the last line, also if it was skipped
         if let TimeColumn::Counted(rate) = map.time
             && let Some(last) = usize::try_from(lines).ok().and_then(|lines| lines.checked_sub(1))
             && self.fault.is_none()
@@ -514,14 +515,14 @@ impl<R: Read> ExportReader<R> {
     }
 }
 
-/// The lines below a line that is no header, with their numbers.
+/// The lines below an invalid header, with their numbers.
 fn lines_below<R: Read>(blocks: &mut Blocks<R>, path: &Path) -> Vec<(String, u64)> {
     // line by line, so that it does not depend on how much was read
     let next = || blocks.next_line(path).ok().flatten().map(|line| (line.text, line.number));
     std::iter::from_fn(next).take(MOST_LINES_ABOVE_HEADER).collect()
 }
 
-/// Where a line of a block begins.
+/// Start of a line of a block.
 fn start_of_line(block: &Block, line: u64) -> Option<usize> {
     match line.checked_sub(block.first_line)? {
         0 => Some(0),

@@ -6,14 +6,14 @@ use super::fields::fields;
 use crate::bytes::blocks::Block;
 use crate::rejection::Rejection;
 
-/// Fewest rows that show the rate of a channel.
+/// Fewest rows that determine the rate of a channel.
 const LEAST_ROWS: u64 = 8;
 
-/// Share of rows with a value from which on cells are missing one by one.
+/// Share of rows with a value; from this share on, cells are missing individually.
 const DENSE: f64 = 0.8;
 
-/// Adds to the rejection of an empty cell in `block` the rates of its channel and of the rows, and a remedy. Returns `false`
-/// for other rejections, and if few cells of the column are empty.
+/// Adds the rates of the channel and of the rows, and a remedy, to the rejection of an empty cell in `block`. Returns
+/// `false` for other rejections, and if few cells of the column are empty.
 pub(super) fn explain(rejection: &mut Rejection, map: &ColumnMap, block: &Block) -> bool {
     let is_empty_cell = &*rejection.reason == "empty cell";
     let column = rejection.column.as_deref().filter(|_| is_empty_cell);
@@ -81,7 +81,7 @@ impl Seen {
         seen
     }
 
-    /// Rates of the channel and of the rows, where times are known; `to_s` is their factor.
+    /// Rates of the channel and of the rows, if times are known; `to_s` is their factor.
     fn rates(&self, to_s: f64) -> String {
         let seconds = self.times.map_or(0.0, |(first, last)| (last - first) * to_s);
         if seconds <= 0.0 || self.rows < 2 {

@@ -1,4 +1,4 @@
-//! When a recording started, as its own rows say it: the date and time in the first row of a column.
+//! Start of a recording by its own rows: the date and time in the first row of a column.
 
 use std::io::Read;
 use std::path::Path;
@@ -13,18 +13,18 @@ use crate::bytes::source;
 use crate::rejection::Rejection;
 use armwatch_config::{Column, Layout, StartForm, StartSource};
 
-/// Bytes read at once: the first row is all that is wanted.
+/// Bytes read at once: only the first row is needed.
 const BLOCK_BYTES: usize = 64 << 10;
 
-/// Years that a recording can be from.
+/// Plausible years of a recording.
 const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
 
-/// The start of the recording at `path`, from the first row of the column that `layout` names; moments without offset
-/// are those of clocks in `zone`. Rows that are not understood are passed over, as many as the layout permits.
+/// The start of the recording at `path`, from the first row of the column that `layout` names; times without offset are
+/// those of clocks in `zone`. Rows that are not understood are skipped, as many as the layout permits.
 ///
 /// # Errors
-/// A rejection of a file that cannot be read, has no such column, or whose first row holds no moment there. It is
-/// passing where the first row is not written yet.
+/// A rejection of a file that is unreadable, has no such column, or whose first row has no time there. It is temporary
+/// if the first row is not written yet.
 pub fn recorded_start(
     path: &Path,
     layout: &Layout,
@@ -81,7 +81,7 @@ fn first_moment(
                 )
                 .at_line(number)
                 .in_column(&start.column.to_string());
-                // a number finds a column in any file, also in one that is no export
+                // a number selects a column in any file, even in one that is not an export
                 if matches!(start.column, Column::Name(_)) { fault.with_value(cell) } else { fault }
             };
             let fault = first_fault.get_or_insert_with(fault);
@@ -120,7 +120,7 @@ fn remedy(form: &StartForm) -> &'static str {
     }
 }
 
-/// The moment that a cell says.
+/// The time in a cell.
 fn moment(cell: &str, form: &StartForm, zone: &TimeZone) -> Option<Timestamp> {
     let found = match form {
         StartForm::Timestamp => {
@@ -143,13 +143,13 @@ fn moment(cell: &str, form: &StartForm, zone: &TimeZone) -> Option<Timestamp> {
                 .flatten()?
         }
     };
-    // a database keeps microseconds
+    // a database stores microseconds
     let found = Timestamp::from_microsecond(found.as_microsecond()).ok()?;
     YEARS.contains(&TimeZone::UTC.to_datetime(found).year()).then_some(found)
 }
 
-/// The moment that a clock shows, ns from 1970: without an offset from UTC, a clock on a wall in `zone`; see
-/// [`armwatch_config::Recognition`] for hours that come twice or not at all.
+/// The time that a clock shows, ns from 1970: without an offset from UTC, it is local time in `zone`; see
+/// [`armwatch_config::Recognition`] for hours that occur twice or never.
 fn at_clock(nanoseconds: i64, has_offset: bool, zone: &TimeZone) -> Option<Timestamp> {
     let clock = Timestamp::from_nanosecond(i128::from(nanoseconds)).ok()?;
     if has_offset {

@@ -1,4 +1,4 @@
-//! Springs, counterbalances and parallelograms beside the motors.
+//! Springs, counterbalances and parallelograms in addition to the motors.
 
 use nalgebra::Vector2;
 
@@ -22,8 +22,8 @@ impl DrivingSpring {
         Ok(Self { joint: spring.joint.index(), form: spring.form, numbers })
     }
 
-    /// Torque (force) with which the motor holds the spring at the position `q`, Nm (N): of a cylinder, the moment about the
-    /// axis of its pull on the moving pin.
+    /// Torque (force) with which the motor holds the spring at the position `q`, Nm (N); for a cylinder, the moment of
+    /// its pull on the moving pin about the axis.
     pub fn torque(&self, q: f64) -> f64 {
         let [stiffness, preload] = self.numbers;
         match self.form {

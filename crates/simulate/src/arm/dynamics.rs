@@ -1,8 +1,8 @@
 //! Joint torque from world-frame kinematics and virtual power.
 //!
-//! Each link is described by its mass, its centre of mass and the inertia about that centre; what
-//! the joints must supply is the power of inertia and weight along each joint's own motion. The
-//! identifier takes another road, so that a simulated export can find an error in either.
+//! Each link is described by its mass, its centre of mass and the inertia about that centre; the joints must supply the
+//! power of inertia and weight along each joint's own motion. The identifier uses another method, so that a simulated
+//! export can reveal an error in either.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -24,7 +24,7 @@ pub struct RigidChain {
 #[derive(Debug, Clone)]
 struct ArmLink {
     kind: JointKind,
-    /// Place on the link before, at position 0.
+    /// Pose on the link before, at position 0.
     placement: Transform,
     mass: f64,
     /// Centre of mass in the link frame, m.
@@ -37,9 +37,8 @@ struct ArmLink {
 /// Converts a description into centre-of-mass quantities.
 ///
 /// # Errors
-/// [`SimulateError::NoNominal`] for a joint without nominal parameters, [`SimulateError::NoSpring`] for a spring or crank
-/// without,
-/// [`SimulateError::FirstMomentWithoutMass`] where no centre of mass exists.
+/// [`SimulateError::NoNominal`] for a joint without nominal parameters, [`SimulateError::NoSpring`] for a spring or
+/// crank without them, [`SimulateError::FirstMomentWithoutMass`] if no centre of mass exists.
 pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
     let links = robot
         .joints
@@ -64,7 +63,8 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
 }
 
 impl RigidChain {
-    /// Inertia of a joint's motor seen at the joint, kg m² (kg for a sliding joint); zero of a joint that is not there.
+    /// Inertia of a joint's motor seen at the joint, kg m² (kg for a prismatic joint); zero for a joint that does not
+    /// exist.
     #[must_use]
     pub fn motor_inertia(&self, joint: JointIndex) -> f64 {
         self.links.get(joint.index()).map_or(0.0, |link| link.motor_inertia)
@@ -88,7 +88,7 @@ impl RigidChain {
 /// where `Jv_ij` is the velocity of the centre of mass of link `i` per unit speed of joint `j`, and
 /// `Jw_ij` the angular one.
 ///
-/// `state`: `[n]` in rad, rad/s, rad/s². Returns `[n]` in Nm (N for a sliding joint), zero beyond `n`.
+/// `state`: `[n]` in rad, rad/s, rad/s². Returns `[n]` in Nm (N for a prismatic joint), zero beyond `n`.
 ///
 /// Reference: Siciliano, Sciavicco, Villani, Oriolo, Robotics (2009), section 7.1, in the form of
 /// d'Alembert's principle.
@@ -126,14 +126,14 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
     torque
 }
 
-/// What a body's motion takes: force through its centre of mass and moment about it.
+/// Force through a body's centre of mass and moment about it, for a given motion.
 struct Drive {
     centre: Vector3<f64>,
     force: Vector3<f64>,
     moment: Vector3<f64>,
 }
 
-/// Torque of the links alone, without the motors' inertia: what the gears carry. As [`joint_torque`].
+/// Torque of the links alone, which the gears carry, without the motors' inertia. Otherwise like [`joint_torque`].
 #[must_use]
 pub fn link_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS] {
     let mut torque = joint_torque(chain, state);
@@ -180,7 +180,7 @@ impl LinkFrame {
         }
     }
 
-    /// The frame behind a joint that stands at `q` and moves with `qd`, `qdd`.
+    /// The frame after a joint at the position `q` with the motion `qd`, `qdd`.
     fn next(&self, link: &ArmLink, [q, qd, qdd]: [f64; 3]) -> Self {
         let place = &link.placement;
         let mut rotation = self.rotation * place.rotation;
@@ -223,7 +223,7 @@ pub(super) fn about_centre_of_mass(
 ) -> Result<(Vector3<f64>, Matrix3<f64>), SimulateError> {
     let (mass, first_moment) = (link.mass(), link.first_moment());
     if mass <= 0.0 {
-        // A frame without a body, as in a wrist of two joints, is fine; a moment without mass is not.
+        // A frame without a body, as in a wrist of two joints, is allowed; a moment without mass is not.
         return if first_moment == Vector3::zeros() {
             Ok((Vector3::zeros(), link.inertia()))
         } else {

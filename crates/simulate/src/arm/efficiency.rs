@@ -1,19 +1,19 @@
-//! What the teeth of a strain wave gear lose of the power that they transmit.
+//! Loss of a strain wave gear's teeth from the power that they transmit.
 //!
-//! Catalogues give the efficiency of such a gear over load and speed. It falls towards small loads, since what the gear
-//! loses without load ([`super::friction`]) stays, and that of the teeth alone falls towards low speed, where the grease no
-//! longer carries the tooth flanks. The motor feels the loss of the teeth as `|L| (1/e - 1)` while it drives the load `L`
-//! and as `|L| (1 - e)` while the load drives it.
+//! Catalogues give the efficiency of such a gear over load and speed. It decreases towards small loads, since the
+//! gear's loss without load ([`super::friction`]) is constant. The efficiency of the teeth alone decreases towards low
+//! speed, because the grease no longer separates the tooth flanks. At the motor, the loss of the teeth is
+//! `|L| (1/e - 1)` while it drives the load `L` and `|L| (1 - e)` while the load drives it.
 
-/// Loss of the teeth at a standstill as a multiple of that at speed.
+/// Loss of the teeth at rest as a multiple of that at speed.
 const BOUNDARY_FACTOR: f64 = 1.3;
-/// Speed at which the additional loss has fallen to 1/e, as a fraction of the joint's largest speed.
+/// Speed of decay to 1/e of the additional loss, as a fraction of the joint's largest speed.
 const BOUNDARY_SPEED: f64 = 0.1;
 
 /// Teeth of a gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Teeth {
-    /// Part of the transmitted power that they lose at speed, 0 to below 0.5.
+    /// Fraction of the transmitted power that they lose at speed, 0 to below 0.5.
     pub loss: f64,
     /// Largest speed of the joint, rad/s (m/s).
     pub top_speed: f64,
@@ -27,8 +27,8 @@ impl Teeth {
         1.0 - self.loss * (1.0 + (BOUNDARY_FACTOR - 1.0) * slow)
     }
 
-    /// What the motor needs more than the load `carried`, Nm (N), or holds less, at the speed `qd`, rad/s (m/s); against
-    /// the motion.
+    /// Additional torque of the motor beyond the load `carried`, Nm (N), or reduction of it while the load drives, at
+    /// the speed `qd`, rad/s (m/s); against the motion.
     #[must_use]
     pub fn lost(&self, carried: f64, qd: f64) -> f64 {
         let efficiency = self.efficiency(qd);

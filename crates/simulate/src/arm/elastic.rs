@@ -1,18 +1,18 @@
-//! Joints whose gears bend: one spring a joint between motor and link.
+//! Joints with elastic gears: one spring per joint between motor and link.
 //!
-//! The motion that is planned is that of the links, `q`. A spring of stiffness `k` that carries the torque `tau` of the
-//! links turns by `tau / k`, so that the motor is at `theta = q + tau / k` (Spong 1987, Modeling and control of elastic
-//! joint robots). The controller measures the motor; its inertia and the friction of the gear go with the motor's
-//! motion. Derivatives of `tau` are central differences.
+//! The planned motion is that of the links, `q`. A spring of stiffness `k` that carries the torque `tau` of the links
+//! turns by `tau / k`, so that the motor is at `theta = q + tau / k` (Spong 1987, Modeling and control of elastic joint
+//! robots). The controller measures the motor; its inertia and the friction of the gear follow the motor's motion.
+//! Derivatives of `tau` are central differences.
 
 use super::dynamics::{RigidChain, link_torque};
 use crate::plan::motion::{MotionState, PerJoint};
 
-/// Step of the differences, s: a bending gear swings at some ten hertz, a hundredth of this rate.
+/// Step of the differences, s: an elastic gear oscillates at some ten hertz, a hundredth of this rate.
 const STEP_S: f64 = 1e-3;
 
-/// Motion of the motors at `t`, s, seen at the joints, where the links have that of `links`; `compliance` is
-/// 1/stiffness, rad/Nm (m/N), 0 of a stiff joint.
+/// Motion of the motors at `t`, s, seen at the joints, for the motion `links` of the links; `compliance` is
+/// 1/stiffness, rad/Nm (m/N), 0 for a stiff joint.
 pub(crate) fn motor_state(
     chain: &RigidChain,
     compliance: &PerJoint,

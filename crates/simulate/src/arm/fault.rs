@@ -9,15 +9,15 @@ pub use text::FaultParseError;
 
 use armwatch_model::robot::{FRICTION_COUNT, JointIndex};
 
-/// Largest wear unless said otherwise: friction doubled.
+/// Default of the largest wear: friction doubled.
 const DEFAULT_CAP: f64 = 1.0;
 
-/// A fault. Runs and cycles count from 1, as people read them.
+/// A fault. Runs and cycles count from 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fault {
-    /// What is wrong.
+    /// Kind and size.
     pub kind: FaultKind,
-    /// The joint; `None` where it is the whole arm's.
+    /// The joint; `None` for a fault of the whole arm.
     pub joint: Option<JointIndex>,
     /// First run that shows it.
     pub start_run: u32,
@@ -25,15 +25,15 @@ pub struct Fault {
     pub last_run: Option<u32>,
 }
 
-/// What is wrong, and how much.
+/// Kind and size of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum FaultKind {
-    /// A part of friction grows by the fraction `rate_per_run` of its healthy size a run, up to `cap`.
+    /// A part of friction grows by the fraction `rate_per_run` of its healthy size per run, up to `cap`.
     Wear {
         /// The part of friction that grows.
         part: WornPart,
-        /// Growth a run, as a fraction of the healthy part.
+        /// Growth per run, as a fraction of the healthy part.
         rate_per_run: f64,
         /// Largest growth, as a fraction of the healthy part.
         cap: f64,
@@ -45,21 +45,21 @@ pub enum FaultKind {
         /// First cycle of the first run that shows it.
         cycle: u32,
     },
-    /// All friction of each cycle is larger or smaller by a fraction that is drawn for the cycle.
+    /// All friction changes by a random fraction in each cycle.
     Jitter {
         /// Standard deviation of the fraction.
         size: f64,
     },
     /// The slow time constant of the warm-up is longer.
     WarmUp {
-        /// How many times.
+        /// The factor.
         factor: f64,
     },
     /// A point mass at the tool frame.
     Load {
         /// Mass, kg.
         mass: f64,
-        /// Its place in the tool frame, m.
+        /// Its position in the tool frame, m.
         centre: [f64; 3],
     },
     /// A constant in the torque signal.
@@ -74,7 +74,7 @@ pub enum FaultKind {
     },
     /// The noise of the torque signal is larger.
     Noise {
-        /// How many times.
+        /// The factor.
         factor: f64,
     },
     /// A constant in the position signal.
@@ -82,24 +82,24 @@ pub enum FaultKind {
         /// rad (m).
         position: f64,
     },
-    /// The torque signal goes no further.
+    /// The torque signal saturates.
     Saturation {
         /// Nm (N).
         torque: f64,
     },
     /// The torque signal keeps its first value of the run.
     Stuck,
-    /// The torque signal is late.
+    /// The torque signal is delayed.
     Delay {
         /// s
         seconds: f64,
     },
-    /// The gear has play: where the torque that it carries changes its sign, the driven side is free for a moment.
+    /// The gear has backlash: if the torque that it carries changes its sign, the driven side is free for a moment.
     Backlash {
-        /// Width of the play at the joint, rad (m).
+        /// Width of the backlash at the joint, rad (m).
         play: f64,
     },
-    /// Something outside pushes the joint during a twentieth of one cycle.
+    /// An external force pushes the joint during a twentieth of one cycle.
     Contact {
         /// Nm (N).
         torque: f64,
@@ -127,7 +127,7 @@ impl WornPart {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::All, Self::Coulomb, Self::Viscous, Self::Linear, Self::Load];
 
-    /// Name as people write it.
+    /// Name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -156,12 +156,12 @@ impl WornPart {
 pub struct Wear {
     /// Wear of f1 to f4.
     pub coefficients: [f64; FRICTION_COUNT],
-    /// Wear of the friction for each Nm (N) that the gear carries.
+    /// Wear of the friction per Nm (N) that the gear carries.
     pub load: f64,
 }
 
 impl FaultKind {
-    /// Whether it is the whole arm's.
+    /// Returns true if it concerns the whole arm.
     fn is_of_arm(self) -> bool {
         matches!(self, Self::Load { .. })
     }
@@ -175,14 +175,14 @@ impl Fault {
         Self { kind, joint: Some(joint), start_run, last_run: None }
     }
 
-    /// Whether run `run` shows it.
+    /// Returns true if run `run` shows it.
     #[must_use]
     pub fn is_in(&self, run: u32) -> bool {
         run >= self.start_run && self.last_run.is_none_or(|last| run <= last)
     }
 
-    /// How large the fault is in run `run`, in the unit of its kind; 0 where it is not there. The first run that
-    /// shows wear has grown by one step.
+    /// Size of the fault in run `run`, in the unit of its kind; 0 if absent. The first run with wear has one step of
+    /// growth.
     #[must_use]
     pub fn size(&self, run: u32) -> f64 {
         if !self.is_in(run) {
@@ -210,7 +210,7 @@ impl Fault {
     }
 }
 
-/// Growth of friction of `joint` in run `run` over all its wear.
+/// Growth of friction of `joint` in run `run` by all its wear faults.
 #[must_use]
 pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> Wear {
     let mut worn = Wear::default();
@@ -227,7 +227,7 @@ pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> Wear {
     worn
 }
 
-/// How many times longer the slow time constant of the warm-up of `joint` is in run `run`.
+/// Factor of the slow time constant of the warm-up of `joint` in run `run`.
 #[must_use]
 pub fn warm_up_factor(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
     let longer = |fault: &Fault| match fault.kind {
@@ -237,7 +237,7 @@ pub fn warm_up_factor(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
     faults.iter().filter_map(longer).product()
 }
 
-/// The point masses of run `run`: mass, kg, and place in the tool frame, m.
+/// The point masses of run `run`: mass, kg, and position in the tool frame, m.
 pub fn loads(faults: &[Fault], run: u32) -> impl Iterator<Item = (f64, [f64; 3])> {
     faults.iter().filter_map(move |fault| match fault.kind {
         FaultKind::Load { mass, centre } if fault.is_in(run) => Some((mass, centre)),

@@ -1,7 +1,7 @@
-//! Friction as a gearbox shows it: near the identifier's polynomial [3.10], but not equal to it.
+//! Friction of a gearbox: similar to the identifier's polynomial [3.10], but not equal to it.
 //!
-//! A bump at low speed, a sign that is smooth through zero, a ripple with the angle of the gear and
-//! a warm-up that takes more of the viscous part than of the Coulomb part.
+//! It has a bump at low speed, a sign that is smooth through zero, a ripple with the angle of the gear, and a warm-up
+//! that reduces the viscous part more than the Coulomb part.
 
 use std::f64::consts::TAU;
 
@@ -9,19 +9,19 @@ use super::efficiency::Teeth;
 use super::fault::Wear;
 use armwatch_model::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
 
-/// Part of the thermal excess that the Coulomb friction f1 shows; the oil's viscosity shows all of it.
+/// Share of the thermal excess in the Coulomb friction f1; the oil's viscosity has all of it.
 pub const COULOMB_EXCESS: f64 = 0.3;
 /// Height of the bump at low speed, as a fraction of f1.
 const STRIBECK_FRACTION: f64 = 0.15;
-/// Speed at which the bump has fallen to 1/e, as a fraction of the largest speed.
+/// Speed of decay of the bump to 1/e, as a fraction of the largest speed.
 const STRIBECK_SPEED: f64 = 0.02;
 /// Speed scale of the smooth sign, as a fraction of the largest speed: some mrad/s.
 const SIGN_SPEED: f64 = 0.001;
 /// Amplitude of the ripple, as a fraction of f1.
 const RIPPLE_FRACTION: f64 = 0.04;
-/// Ripples a turn of the motor: a wave generator is an ellipse and passes twice.
+/// Ripples per turn of the motor: a wave generator is an ellipse and passes twice.
 const RIPPLES_A_TURN: f64 = 2.0;
-/// Frequency above which inertia and the current loop smooth the ripple away, Hz.
+/// Corner frequency of the ripple, Hz; inertia and the current loop smooth it above.
 const RIPPLE_CORNER_HZ: f64 = 10.0;
 /// Change of the thermal excess and of warm friction per kelvin below the usual ambient.
 const EXCESS_PER_KELVIN: f64 = 0.03;
@@ -34,35 +34,35 @@ const LATE_SPEED: f64 = 0.025;
 /// Height of the bump of [`FrictionShape::Stiction`], as a fraction of f1 (Armstrong-Helouvry, 1994: breakaway
 /// torques of 1.2 to 1.6 times the Coulomb torque).
 const STICTION_FRACTION: f64 = 0.5;
-/// Travel over which the torque of [`FrictionShape::Presliding`] turns over, rad (m).
+/// Travel of a reversal of the torque of [`FrictionShape::Presliding`], rad (m).
 const PRESLIDING_TRAVEL: f64 = 2e-3;
 
-/// What a gearbox loses.
+/// Form of a gearbox's friction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FrictionShape {
-    /// As a gearbox does: bump, smooth sign, ripple, warm-up.
+    /// Like a real gearbox: bump, smooth sign, ripple, warm-up.
     #[default]
     Gearbox,
     /// Exactly [3.10] with the warm coefficients of the description, from the first row on.
     Polynomial,
     /// Coulomb friction that jumps with the sign of the speed, without bump and ripple.
     Sign,
-    /// Coulomb friction that turns over within a few hundredths of a rad/s.
+    /// Coulomb friction that reverses within a few hundredths of a rad/s.
     Smooth,
-    /// As [`Self::Smooth`], with a last joint that turns over within some tenths of a rad/s.
+    /// Like [`Self::Smooth`], with a last joint that reverses within some tenths of a rad/s.
     LateTurnOver,
-    /// Breakaway torque half as large again as the Coulomb torque.
+    /// Breakaway torque that is 1.5 times the Coulomb torque.
     Stiction,
-    /// Coulomb friction that turns over along a travel instead of a speed (Dahl, 1968).
+    /// Coulomb friction that reverses along a travel instead of a speed (Dahl, 1968).
     Presliding,
 }
 
-/// How warm the gearboxes are.
+/// Temperature state of the gearboxes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThermalState {
     /// Time since the cold start, s.
     pub seconds: f64,
-    /// Ambient temperature against the usual one, K.
+    /// Difference between the ambient temperature and the usual one, K.
     pub ambient_offset_k: f64,
 }
 
@@ -85,17 +85,17 @@ pub struct JointFriction {
     pub ripple_wave_number: f64,
     /// More ripples, of other orders of the gear.
     pub more_ripples: [Ripple; MORE_RIPPLES],
-    /// Travel along which the Coulomb part turns over, rad; 0 where it follows the speed alone.
+    /// Travel of a reversal of the Coulomb part, rad; 0 if it follows the speed alone.
     pub presliding_travel: f64,
-    /// Part by which friction is larger in the joint's positive direction and smaller in its negative one.
+    /// Excess of friction in the joint's positive direction, as a fraction; the negative direction has as much less.
     pub direction: f64,
-    /// Friction for each Nm (N) that the gear carries.
+    /// Friction per Nm (N) of torque that the gear carries.
     pub load: f64,
-    /// What the teeth lose of the power that they transmit.
+    /// Loss of the teeth from the power that they transmit.
     pub teeth: Teeth,
 }
 
-/// Ripples beside the first that a joint can have.
+/// Most ripples of a joint in addition to the first.
 pub const MORE_RIPPLES: usize = 3;
 
 /// A ripple of the torque with the angle of the gear.
@@ -107,17 +107,17 @@ pub struct Ripple {
     pub wave_number: f64,
 }
 
-/// A ripple as it is asked for.
+/// A ripple as requested.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RippleOrder {
-    /// Ripples a turn of the motor.
+    /// Ripples per turn of the motor.
     pub order: f64,
-    /// Amplitude, as a part of f1.
+    /// Amplitude, as a fraction of f1.
     pub part: f64,
 }
 
-/// Friction of a joint with `wear`; `load` is its healthy friction for each Nm (N) that the gear carries, `teeth_loss` the
-/// part of the transmitted power that healthy teeth lose.
+/// Friction of a joint with `wear`; `load` is its healthy friction per Nm (N) that the gear carries, `teeth_loss` the
+/// fraction of the transmitted power that healthy teeth lose.
 #[must_use]
 pub fn joint_friction(
     joint: &Joint,
@@ -161,7 +161,7 @@ impl JointFriction {
         friction_torque(self, &self.warm, qd)
     }
 
-    /// The same gearbox with these ripples in place of its own; those beyond 1 + [`MORE_RIPPLES`] are left out.
+    /// The same gearbox with these ripples instead of the existing ones; those beyond 1 + [`MORE_RIPPLES`] are dropped.
     #[must_use]
     pub fn with_ripples(self, orders: &[RippleOrder], gear_ratio: f64) -> Self {
         let of = |of: &RippleOrder| Ripple {
@@ -178,8 +178,8 @@ impl JointFriction {
         }
     }
 
-    /// The same gearbox in another shape; `is_last` is the joint at the end of the arm, `top_speed` its largest
-    /// speed, rad/s.
+    /// The same gearbox with another form of friction; `is_last` is true for the joint at the end of the arm,
+    /// `top_speed` is its largest speed, rad/s.
     #[must_use]
     pub fn in_shape(self, shape: FrictionShape, is_last: bool, top_speed: f64) -> Self {
         let plain = Self { bump: 0.0, ripple: 0.0, sign_speed: f64::MIN_POSITIVE, ..self };
@@ -196,10 +196,10 @@ impl JointFriction {
         }
     }
 
-    /// The same gearbox without all that [3.10] does not have.
+    /// The same gearbox with only the terms of [3.10].
     #[must_use]
     pub fn polynomial(self) -> Self {
-        // the smooth sign becomes a jump: tanh of a quotient beyond all measure
+        // the smooth sign becomes a jump: tanh of an extremely large quotient
         Self {
             warm_up: WarmUpShape::default(),
             bump: 0.0,
@@ -217,13 +217,13 @@ pub fn thermal_multiplier(shape: &WarmUpShape, state: ThermalState) -> f64 {
     multiplier_of(shape, cold_parts(shape, state.seconds), state.ambient_offset_k)
 }
 
-/// What is left of the cold `seconds` after a cold start, 1 to 0: of the slow part and the fast one.
+/// Remaining coldness `seconds` after a cold start, 1 to 0: of the slow part and the fast one.
 #[must_use]
 pub fn cold_parts(shape: &WarmUpShape, seconds: f64) -> [f64; 2] {
     [shape.t1, shape.t2].map(|constant| if constant > 0.0 { (-seconds / constant).exp() } else { 0.0 })
 }
 
-/// As [`thermal_multiplier`], from what is left of the cold.
+/// Like [`thermal_multiplier`], from the remaining coldness.
 #[must_use]
 pub fn multiplier_of(shape: &WarmUpShape, [slow, fast]: [f64; 2], ambient_offset_k: f64) -> f64 {
     let excess = shape.b * slow + shape.c * fast;
@@ -231,13 +231,14 @@ pub fn multiplier_of(shape: &WarmUpShape, [slow, fast]: [f64; 2], ambient_offset
     1.0 + excess * (1.0 + EXCESS_PER_KELVIN * colder).max(0.0) + WARM_PER_KELVIN * colder
 }
 
-/// Coefficients f1..f4 at a moment: the Coulomb part shows [`COULOMB_EXCESS`] of what the others show.
+/// Coefficients f1..f4 at a moment: the thermal excess of the Coulomb part is [`COULOMB_EXCESS`] times that of the
+/// others.
 #[must_use]
 pub fn coefficients_at(friction: &JointFriction, state: ThermalState) -> [f64; FRICTION_COUNT] {
     coefficients_with(friction, thermal_multiplier(&friction.warm_up, state))
 }
 
-/// As [`coefficients_at`], from [`thermal_multiplier`].
+/// Like [`coefficients_at`], from [`thermal_multiplier`].
 #[must_use]
 pub fn coefficients_with(friction: &JointFriction, multiplier: f64) -> [f64; FRICTION_COUNT] {
     let [f1, f2, f3, f4] = friction.warm;
@@ -253,13 +254,13 @@ pub fn friction_torque(friction: &JointFriction, coefficients: &[f64; FRICTION_C
     friction_torque_at(friction, coefficients, qd, turned_at(friction, qd))
 }
 
-/// Part of the Coulomb friction that is there where it follows the speed `qd` alone, -1 to 1.
+/// Share of the Coulomb friction that is present at the speed `qd`, -1 to 1, if it follows the speed alone.
 #[must_use]
 pub fn turned_at(friction: &JointFriction, qd: f64) -> f64 {
     (qd / friction.sign_speed).tanh()
 }
 
-/// As [`friction_torque`], with the part `turned` of the Coulomb friction that is there, -1 to 1.
+/// Like [`friction_torque`], with the share `turned` of the Coulomb friction, -1 to 1.
 #[must_use]
 pub fn friction_torque_at(
     friction: &JointFriction,
@@ -272,8 +273,8 @@ pub fn friction_torque_at(
     f1 * bump * turned + f2 * qd + f3 * qd * qd.abs() + f4 * qd.powi(3)
 }
 
-/// Friction of a gear that loses more in one direction and under load, from what it loses without: `lost`, Nm, where it
-/// carries `carried`, Nm, at the speed `qd`, rad/s, and the part `turned` of its Coulomb friction is there.
+/// Friction of a gear with losses that depend on direction and load. `lost`, Nm, is its friction without them while it
+/// carries `carried`, Nm, at the speed `qd`, rad/s, with the share `turned` of its Coulomb friction.
 #[must_use]
 pub fn with_direction_and_load(
     friction: &JointFriction,
@@ -285,7 +286,7 @@ pub fn with_direction_and_load(
     lost * (1.0 + friction.direction * turned) + of_load * turned
 }
 
-/// Part of the Coulomb friction behind a small travel `dq` at the speed `qd`, from the part `before` it: Dahl's
+/// Share of the Coulomb friction after a small travel `dq` at the speed `qd`, from the share `before` it: Dahl's
 /// equation `dz/dq = (sign(qd) - z) / x`, solved over the travel.
 #[must_use]
 pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> f64 {
@@ -296,7 +297,7 @@ pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> 
     end + (before - end) * (-dq.abs() / friction.presliding_travel).exp()
 }
 
-/// Torque of the gear's ripple at the position `q` and speed `qd`, Nm; weaker where it is fast.
+/// Torque of the gear's ripple at the position `q` and speed `qd`, Nm; weaker at high speed.
 #[must_use]
 pub fn ripple_torque(friction: &JointFriction, q: f64, qd: f64) -> f64 {
     let of = |amplitude: f64, wave_number: f64| {
@@ -330,7 +331,7 @@ mod tests {
         let at = |s: f64| friction_torque(&friction, &coefficients_at(&friction, after(s)), 2.0);
         let torques: Vec<f64> = (0..30).map(|k| at(f64::from(k) * 240.0)).collect();
         assert!(torques.windows(2).all(|w| w[1] < w[0]), "{torques:?}");
-        // 1 + 8 * 2 - 4 + 0.2 * 8 of the test arm; the bump is long gone at 2 rad/s.
+        // 1 + 8 * 2 - 4 + 0.2 * 8 of the test arm; the bump has vanished at 2 rad/s.
         assert!((at(1e6) - 14.6).abs() < 1e-9, "{}", at(1e6));
         assert!((thermal_multiplier(&friction.warm_up, after(0.0)) - 1.6).abs() < 1e-15);
     }

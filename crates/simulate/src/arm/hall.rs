@@ -1,17 +1,17 @@
-//! The hall over the year and the day, and the hours in which an arm works in it.
+//! The ambient temperature over the year and the day, and the working hours of an arm.
 
 use std::f64::consts::TAU;
 
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
 
-/// Days of a year, and the warmest of them on the northern half: mid July.
+/// Days of a year, and its warmest day on the northern hemisphere: mid July.
 const YEAR_DAYS: f64 = 365.25;
 const WARMEST_DAY: f64 = 196.0;
 /// The warmest hour of a day, UTC.
 const WARMEST_HOUR: f64 = 15.0;
 
-/// How the hall's temperature goes with season and hour.
+/// Variation of the ambient temperature with season and hour.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct HallSettings {
     /// Amplitude over the year, K.
@@ -21,7 +21,7 @@ pub struct HallSettings {
 }
 
 impl HallSettings {
-    /// Temperature against the mean of the year at `time`, K.
+    /// Difference from the yearly mean temperature at `time`, K.
     #[must_use]
     pub fn offset(&self, time: Timestamp) -> f64 {
         let at = time.to_zoned(TimeZone::UTC);
@@ -32,17 +32,17 @@ impl HallSettings {
     }
 }
 
-/// When an arm works beside its tests: it is warm from this work, and cold from rest.
+/// Working hours of an arm in addition to its tests: it is warm after work, and cold after rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WorkingHours {
-    /// Shifts: from and to, hours of the day in UTC, 0 to 24.
+    /// Shifts: start and end, hours of the day in UTC, 0 to 24.
     pub shifts: Vec<[f64; 2]>,
     /// Days of the week from Monday on, 1 to 7.
     pub days: i8,
 }
 
 impl WorkingHours {
-    /// Time since the shift began in which `time` lies, s; 0 out of shifts and on days off.
+    /// Time since the start of the shift that contains `time`, s; 0 outside shifts and on days off.
     #[must_use]
     pub fn worked_s(&self, time: Timestamp) -> f64 {
         let at = time.to_zoned(TimeZone::UTC);

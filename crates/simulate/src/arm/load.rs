@@ -1,4 +1,4 @@
-//! A known body at the end of the arm: what a second recording carries and a first does not.
+//! A known body at the end of the arm, which a second recording carries and a first does not.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -15,7 +15,7 @@ pub struct Load {
     pub inertia: Matrix3<f64>,
 }
 
-/// A body by its centre of mass: mass kg, centre m and inertia about it kg m², in some frame.
+/// A body with its centre of mass: mass kg, centre m and inertia about it kg m², in some frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Body {
     pub mass: f64,
@@ -24,7 +24,7 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// The load in the frame of the last link, in which the tool frame has the pose `tool`.
+    /// The load in the frame of the last link; `tool` is the pose of the tool frame there.
     pub fn of_load(load: &Load, tool: &Transform) -> Self {
         Self {
             mass: load.mass,

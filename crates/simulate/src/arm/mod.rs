@@ -1,4 +1,4 @@
-//! The arm and where it stands: dynamics, gears, loads, faults, what differs from unit to unit, the hall.
+//! The arm and its environment: dynamics, gears, loads, faults, individual differences, the ambient temperature.
 
 pub mod load;
 pub mod dynamics;

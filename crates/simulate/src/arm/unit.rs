@@ -1,4 +1,4 @@
-//! Units of one model: what differs from one arm of a fleet to the next.
+//! Individual arms of one model, and their differences within a fleet.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -6,28 +6,28 @@ use rand_distr::StandardNormal;
 
 use armwatch_model::robot::{Robot, StandardParameters};
 
-/// Stream of what a unit is drawn from: far from those of its runs.
+/// Stream of the random values of an individual arm: far from those of its runs.
 const STREAM: u64 = 1 << 43;
 
-/// How far units of one model differ: standard deviations of logarithms, so that 0.1 is about 10 %.
+/// Spread of arms of one model: standard deviations of logarithms, so that 0.1 is about 10 %.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct UnitSpread {
-    /// Of friction, its growth towards cold and the noise of torque signals, each joint on its own. The two arms of the
-    /// source differ by half in the viscous friction of joint 1.
+    /// Spread of friction, its growth in the cold and the noise of torque signals, independent for each joint. The two
+    /// arms of the source differ by half in the viscous friction of joint 1.
     pub friction: f64,
-    /// Of mass, first moments and inertia of each link together, and of motor inertia: castings and cables.
+    /// Spread of mass, first moments and inertia of each link together, and of motor inertia: castings and cables.
     pub bodies: f64,
 }
 
 impl UnitSpread {
-    /// Whether units are all alike.
+    /// Returns true if all arms are alike.
     #[must_use]
     pub fn is_none(&self) -> bool {
         self.friction <= 0.0 && self.bodies <= 0.0
     }
 }
 
-/// The unit of `model` that follows from `seed`.
+/// The individual arm of `model` for `seed`.
 #[must_use]
 pub fn unit(model: &Robot, seed: u64, spread: &UnitSpread) -> Robot {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -35,13 +35,13 @@ pub fn unit(model: &Robot, seed: u64, spread: &UnitSpread) -> Robot {
     let mut factor = |spread: f64| (spread * rng.sample::<f64, _>(StandardNormal)).exp();
     let mut arm = model.clone();
     for nominal in arm.joints.iter_mut().filter_map(|joint| joint.nominal.as_mut()) {
-        // one factor for all ten keeps them those of a body
+        // one factor for all ten keeps them physically consistent
         let body = factor(spread.bodies);
         nominal.inertial = StandardParameters(nominal.inertial.0.map(|of| of * body));
         nominal.motor_inertia *= factor(spread.bodies);
         let [coulomb, viscous, cold, slow] = [(); 4].map(|()| factor(spread.friction));
         let [f1, f2, f3, f4] = nominal.friction;
-        // f3 and f4 bend the viscous part and go with it
+        // f3 and f4 bend the viscous part and are scaled with it
         nominal.friction = [f1 * coulomb, f2 * viscous, f3 * viscous, f4 * viscous];
         nominal.warm_up.b *= cold;
         nominal.warm_up.c *= cold;
@@ -76,7 +76,7 @@ mod tests {
             let count = values.len() as f64;
             let mean = values.iter().sum::<f64>() / count;
             let std = (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt();
-            // of 600 values the standard deviation is known to 3 %
+            // with 600 values the standard deviation is known to 3 %
             assert!((std / expected - 1.0).abs() < 0.12 && mean.abs() < 0.15 * expected, "{mean} {std}");
         }
     }

@@ -1,4 +1,4 @@
-//! Rows to a CSV file, in the native layout or any other, in bounded memory, visible only when complete.
+//! Writes rows to a CSV file, in the native layout or any other, in bounded memory, visible only when complete.
 
 use std::fs::File;
 use std::io::Write;
@@ -28,7 +28,7 @@ pub fn column_count(joint_count: usize) -> usize {
     3 * joint_count + 5
 }
 
-/// Header line of the native layout, without its end; temperatures stand behind everything else.
+/// Header line of the native layout, without its end; temperatures are the last columns.
 #[must_use]
 pub fn header(joint_count: usize, temperatures: TemperatureColumns) -> String {
     let mut columns = vec!["time".to_owned()];
@@ -45,9 +45,9 @@ pub fn header(joint_count: usize, temperatures: TemperatureColumns) -> String {
     columns.join(",")
 }
 
-/// An export that is being written under a hidden name beside its own.
+/// An export that is being written with a hidden name next to its final one.
 ///
-/// Dropped before [`finish`](Self::finish), it leaves nothing behind.
+/// If it is dropped before [`finish`](Self::finish), it leaves no file behind.
 #[derive(Debug)]
 pub struct ExportWriter {
     joint_count: usize,
@@ -65,11 +65,10 @@ enum Output {
 }
 
 impl ExportWriter {
-    /// Starts the export `path` in the native layout, compressed if its name ends in `.gz`, and writes the
-    /// header.
+    /// Starts the export `path` in the native layout, compressed if its name ends in `.gz`, and writes the header.
     ///
     /// # Errors
-    /// Whatever creating the file fails with.
+    /// Those of creating the file.
     pub fn create(path: &Path, joint_count: usize) -> io::Result<Self> {
         Self::create_with(path, joint_count, TemperatureColumns::default())
     }
@@ -77,7 +76,7 @@ impl ExportWriter {
     /// The same with columns of temperatures.
     ///
     /// # Errors
-    /// Whatever creating the file fails with.
+    /// Those of creating the file.
     pub fn create_with(
         path: &Path,
         joint_count: usize,
@@ -89,7 +88,7 @@ impl ExportWriter {
     /// The same with the columns of `format`.
     ///
     /// # Errors
-    /// Whatever creating the file fails with.
+    /// Those of creating the file.
     pub fn create_in(path: &Path, format: ExportFormat) -> io::Result<Self> {
         Self::start(path, 0, TemperatureColumns::default(), Some(format))
     }
@@ -121,7 +120,7 @@ impl ExportWriter {
     /// Appends a row.
     ///
     /// # Errors
-    /// Whatever writing fails with.
+    /// Those of writing.
     pub fn push(&mut self, row: &RecordedRow) -> io::Result<()> {
         match &self.format {
             Some(format) => format.push_row(&mut self.text, row),
@@ -130,27 +129,27 @@ impl ExportWriter {
         if self.text.len() >= CHUNK_BYTES { self.write_text() } else { Ok(()) }
     }
 
-    /// Gives the file its own name already: it is seen to grow.
+    /// Gives the file its final name now, so that it visibly grows.
     ///
     /// # Errors
-    /// Whatever writing or renaming fails with.
+    /// Those of writing or renaming.
     pub fn show(&mut self) -> io::Result<()> {
         self.write_out()?;
         self.part.reveal()
     }
 
-    /// Hands the rows that were pushed to the file.
+    /// Writes the pushed rows to the file.
     ///
     /// # Errors
-    /// Whatever writing fails with.
+    /// Those of writing.
     pub fn write_out(&mut self) -> io::Result<()> {
         self.write_text()
     }
 
-    /// Writes what is left and gives the file its name.
+    /// Writes the rest and gives the file its final name.
     ///
     /// # Errors
-    /// Whatever writing or renaming fails with.
+    /// Those of writing or renaming.
     pub fn finish(mut self) -> io::Result<()> {
         self.write_text()?;
         match self.output {
@@ -228,7 +227,7 @@ impl PartFile {
 impl Drop for PartFile {
     fn drop(&mut self) {
         if !self.revealed {
-            // Nobody waits for a part; if it cannot be removed, its name still hides it.
+            // Nothing needs the partial file; if it cannot be removed, its name still hides it.
             let _ = fs::remove_file(&self.hidden);
         }
     }

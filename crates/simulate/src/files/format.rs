@@ -1,18 +1,17 @@
-//! The columns of an export in any layout: what stands in each, in which unit and on which side of the
-//! gears.
+//! The columns of an export in any layout: content, unit, and side of the gears.
 
 use std::io::Write;
 
 use crate::run::recording::RecordedRow;
 use armwatch_model::run::Stage;
 
-/// Columns of an export in their order. Numbers are written with all their digits, so that the same run
-/// in two formats is the same recording.
+/// Columns of an export in their order. Numbers are written with all digits, so that the same run in two formats is the
+/// same recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportFormat {
     /// Separator between columns.
     pub delimiter: u8,
-    /// Whether the first line names the columns.
+    /// True if the first line names the columns.
     pub header: bool,
     /// The columns.
     pub columns: Vec<ExportColumn>,
@@ -23,14 +22,14 @@ pub struct ExportFormat {
 pub struct ExportColumn {
     /// Name in the header.
     pub name: String,
-    /// What stands in it.
+    /// Its content.
     pub cell: ColumnContent,
 }
 
-/// What stands in a column.
+/// Content of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ColumnContent {
-    /// Time since the start of the run, in units of which a second has this many.
+    /// Time since the start of the run, in units of 1 / this value of a second.
     Time(f64),
     /// Positions of the joints.
     Position(Weighted),
@@ -42,10 +41,10 @@ pub enum ColumnContent {
     Stage([i64; 4]),
     /// Stage signal in words, in the same order.
     StageWord([String; 4]),
-    /// Whether a stage goes on, 1 or 0.
+    /// 1 during a stage, otherwise 0.
     StageFlag(Stage),
-    /// Analogue stage signal: levels in the same order, and how far it strays from them; now and then a row
-    /// shows another level.
+    /// Analogue stage signal: levels in the same order, and the largest deviation from them; occasionally a row shows
+    /// another level.
     StageLevel {
         /// The levels.
         levels: [f64; 4],
@@ -60,23 +59,23 @@ pub enum ColumnContent {
     FrictionLevel,
     /// Temperature of a joint's motor.
     MotorTemperature {
-        /// Place of the joint, from 0.
+        /// Index of the joint, from 0.
         joint: usize,
         /// Unit.
         scale: TemperatureScale,
     },
-    /// Temperature of the hall.
+    /// The ambient temperature.
     AmbientTemperature(TemperatureScale),
-    /// Nothing that anybody reads.
+    /// Unused content.
     Unused,
 }
 
-/// A scale of temperature: so many of its degrees at 0 K, and in a kelvin.
+/// A temperature scale: its value at 0 K, and its degrees per kelvin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemperatureScale {
     /// Value at 0 K.
     pub at_zero: f64,
-    /// Degrees in a kelvin.
+    /// Degrees per kelvin.
     pub per_kelvin: f64,
 }
 
@@ -89,7 +88,7 @@ impl TemperatureScale {
 /// A weighted sum of the joints' signals: units, signs, gears and couplings in one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weighted {
-    /// One weight a joint.
+    /// One weight per joint.
     pub weights: Vec<f64>,
     /// Added to the sum.
     pub constant: f64,
@@ -102,7 +101,7 @@ impl Weighted {
 }
 
 impl ExportFormat {
-    /// Appends the header line, if there is to be one.
+    /// Appends the header line, if there is one.
     pub(super) fn push_header(&self, text: &mut Vec<u8>) {
         if self.header {
             let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
@@ -147,11 +146,10 @@ impl ExportFormat {
     }
 }
 
-/// One row in this many shows another level than that of its stage.
+/// One row in this many shows a level of another stage.
 const SPIKE_EVERY: u64 = 400;
 
-/// An analogue level with noise and single spikes, which follow from the time alone: the same run has the
-/// same bytes.
+/// An analogue level with noise and single spikes, which depend on the time alone: the same run has the same bytes.
 fn level(levels: &[f64; 4], noise: f64, stage: usize, time: f64) -> f64 {
     // splitmix64, a mixer of bits without state
     let mut bits = time.to_bits().wrapping_add(0x9e37_79b9_7f4a_7c15);

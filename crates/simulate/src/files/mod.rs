@@ -1,4 +1,4 @@
-//! Rows as a file.
+//! Writes rows to files.
 
 pub(super) mod fixed_point;
 pub mod format;

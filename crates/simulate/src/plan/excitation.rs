@@ -12,17 +12,17 @@ use armwatch_model::robot::{FourierExcitation, JointLimits, Robot};
 const BASE_FREQUENCY_HZ: f64 = 0.1;
 /// Harmonics of the source's test.
 const HARMONICS: usize = 5;
-/// Parts of position, speed and acceleration range that random coefficients may use; the full-speed
-/// trajectory is there for the rest.
+/// Shares of position, speed and acceleration range that random coefficients may use; the full-speed trajectory covers
+/// the rest.
 const RANDOM_USE: [f64; 3] = [0.85, 0.7, 0.7];
-/// Samples of one period for checks against limits: 100 a period of the fifth harmonic.
+/// Samples of one period for checks against limits: 100 per period of the fifth harmonic.
 const CHECK_SAMPLES: u32 = 500;
 
-/// The robot's own series, checked, or a random one for `seed`. Its own period is `1 / base_frequency`.
+/// The robot's own series, after a check, or a random one for `seed`. Its own period is `1 / base_frequency`.
 ///
 /// # Errors
-/// [`SimulateError::ExcitationShape`] where coefficients are missing,
-/// [`SimulateError::ExcitationOutsideLimits`] where the described motion leaves the limits.
+/// [`SimulateError::ExcitationShape`] if coefficients are missing, [`SimulateError::ExcitationOutsideLimits`] if the
+/// described motion exceeds the limits.
 pub fn fourier_excitation(robot: &Robot, seed: u64) -> Result<FourierExcitation, SimulateError> {
     match &robot.excitation {
         Some(series) => {
@@ -58,7 +58,7 @@ fn random_excitation(robot: &Robot, seed: u64) -> FourierExcitation {
     series
 }
 
-/// What the jerk of a joint cannot exceed: the sum of its harmonics' amplitudes, rad/s³ (m/s³).
+/// Upper bound of the jerk of a joint: the sum of its harmonics' amplitudes, rad/s³ (m/s³).
 fn jerk_bound(series: &FourierExcitation, joint: usize) -> f64 {
     let w = std::f64::consts::TAU * series.base_frequency;
     let harmonics = (1..).zip(series.a[joint].iter().zip(&series.b[joint]));

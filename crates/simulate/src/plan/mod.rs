@@ -1,4 +1,4 @@
-//! The planned motion of a test: pieces of motion, and what they are joined to.
+//! The planned motion of a test: pieces of motion, and their combination.
 
 pub mod motion;
 pub(super) mod blend;

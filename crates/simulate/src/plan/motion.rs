@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use armwatch_model::robot::{FourierExcitation, MAX_JOINTS};
 
-/// One value a joint; those beyond the arm's joints are zero.
+/// One value per joint; zero beyond the arm's joints.
 pub type PerJoint = [f64; MAX_JOINTS];
 
 /// Position, velocity and acceleration of every joint at one moment: rad, rad/s, rad/s².
@@ -19,7 +19,7 @@ pub struct MotionState {
 }
 
 impl MotionState {
-    /// Standing still in a posture.
+    /// At rest in a posture.
     #[must_use]
     pub fn at_rest(posture: PerJoint) -> Self {
         Self { position: posture, ..Self::default() }
@@ -35,46 +35,46 @@ impl MotionState {
 /// A piece of motion of all joints; its time runs from 0.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MotionPiece {
-    /// Standing still.
+    /// At rest.
     Hold(PerJoint),
     /// Polynomials of fifth degree, `[n][6]`, lowest power first.
     Quintic(Vec<[f64; 6]>),
     /// Finite Fourier series [4.19-4.21].
     Fourier(FourierExcitation),
-    /// Each joint to and fro on its own, in cycloids [4.22-4.24].
+    /// Each joint back and forth independently, in cycloids [4.22-4.24].
     Shuttle(Vec<Shuttle>),
-    /// One joint to and fro through plateaus of constant speed, the others held.
+    /// One joint back and forth through plateaus of constant speed, the others still.
     Plateaus(Plateaus),
 }
 
-/// To-and-fro motion of one joint in cycloids.
+/// Motion of one joint back and forth in cycloids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shuttle {
-    /// Where the joint starts, rad.
+    /// Start position of the joint, rad.
     pub start: f64,
-    /// How far it goes and comes back, rad.
+    /// Travel of each stroke, rad.
     pub travel: f64,
-    /// Duration of one way, s.
+    /// Duration of one stroke, s.
     pub stroke_s: f64,
-    /// Number of ways, even; the joint then stands at its start.
+    /// Number of strokes, even, so that the joint returns to its start.
     pub strokes: u32,
 }
 
-/// To-and-fro motion of one joint through plateaus, from a posture and back to it.
+/// Motion of one joint back and forth through plateaus, from a posture and back to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plateaus {
-    /// Posture at the start; the others hold it.
+    /// Posture at the start; the other joints hold it.
     pub posture: PerJoint,
     /// The joint that moves, from 0.
     pub joint: usize,
-    /// One way.
+    /// One stroke.
     pub stroke: Stroke,
-    /// Number of ways, even.
+    /// Number of strokes, even.
     pub strokes: u32,
 }
 
-/// From rest over a ramp to constant speed and over a ramp to rest. The ramp's acceleration is a
-/// trapezoid over time, so that the acceleration is continuous.
+/// From rest over a ramp to constant speed and over a ramp to rest. The ramp's acceleration is a trapezoid over time,
+/// so that the acceleration is continuous.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stroke {
     /// Speed of the plateau, rad/s.
@@ -85,17 +85,17 @@ pub struct Stroke {
     pub plateau_s: f64,
 }
 
-/// Part of a ramp over which its acceleration rises, and likewise falls.
+/// Fraction of a ramp for the increase of its acceleration, and likewise for the decrease.
 pub const RAMP_EDGE: f64 = 0.1;
 
 impl Stroke {
-    /// Duration of the whole way, s.
+    /// Duration of the whole stroke, s.
     #[must_use]
     pub fn duration(&self) -> f64 {
         self.plateau_s + 2.0 * self.ramp_s
     }
 
-    /// Length of the whole way, rad.
+    /// Length of the whole stroke, rad.
     #[must_use]
     pub fn travel(&self) -> f64 {
         self.speed * (self.plateau_s + self.ramp_s)
@@ -138,13 +138,13 @@ impl Stroke {
 }
 
 impl Plateaus {
-    /// Duration of all ways, s.
+    /// Duration of all strokes, s.
     #[must_use]
     pub fn duration(&self) -> f64 {
         f64::from(self.strokes) * self.stroke.duration()
     }
 
-    /// Direction of motion if the joint runs at constant speed at time `t`.
+    /// Direction of motion at time `t` if the joint moves at constant speed then.
     #[must_use]
     pub fn plateau_direction(&self, t: f64) -> Option<i8> {
         let (way, within) = way_and_time(t, self.stroke.duration(), self.strokes)?;
@@ -213,7 +213,7 @@ fn polynomial(c: &[f64; 6], t: f64) -> [f64; 3] {
     ]
 }
 
-/// [4.19], [4.20] and [4.21], the last with the factor `l` that is lost in print.
+/// [4.19], [4.20] and [4.21], the last with the factor `l` that is missing in print.
 fn fourier(series: &FourierExcitation, t: f64, state: &mut MotionState) {
     let base = TAU * series.base_frequency;
     for (j, centre) in series.centre.iter().enumerate() {
@@ -232,7 +232,7 @@ fn fourier(series: &FourierExcitation, t: f64, state: &mut MotionState) {
     }
 }
 
-/// [4.22-4.24], there and back.
+/// [4.22-4.24], back and forth.
 fn shuttle_at(shuttle: &Shuttle, t: f64) -> [f64; 3] {
     let Some((way, within)) = way_and_time(t, shuttle.stroke_s, shuttle.strokes) else {
         return [shuttle.start, 0.0, 0.0];
@@ -248,10 +248,10 @@ fn shuttle_at(shuttle: &Shuttle, t: f64) -> [f64; 3] {
     out_or_back(shuttle.start, travel, way, cycloid)
 }
 
-/// Which way of a to-and-fro motion `t` falls in, and the time since its start.
+/// Stroke of a back-and-forth motion at `t`, and the time since the start of the stroke.
 fn way_and_time(t: f64, stroke_s: f64, strokes: u32) -> Option<(u32, f64)> {
     let way = (t / stroke_s).floor();
-    // A joint that has no way to go has no stroke time either; NaN fails the comparison.
+    // A joint without travel has no stroke time either; NaN fails the comparison.
     if !(way >= 0.0 && way < f64::from(strokes)) {
         return None;
     }

@@ -1,4 +1,4 @@
-//! Motion from point to point, with a dead time at each: for controllers that drive nothing else.
+//! Motion from point to point, with a dead time at each: for controllers that support nothing else.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -7,24 +7,24 @@ use super::motion::PerJoint;
 use crate::error::SimulateError;
 use armwatch_model::robot::{JointKind, MAX_JOINTS, Robot};
 
-/// Part of each range, about its middle, in which points are drawn.
+/// Share of each range, about its middle, for random points.
 const RANGE_PART: f64 = 0.9;
-/// Stream of the points: far from those of other things that follow from a seed.
+/// Stream of the points: far from those of other random values.
 const STREAM: u64 = 1 << 42;
 
-/// Points that the arm goes to one after the other.
+/// Points that the arm moves to in sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointToPoint {
-    /// Where they are.
+    /// Their positions.
     pub points: Points,
     /// Rest at each, s.
     pub dead_s: f64,
 }
 
-/// Where points are.
+/// Positions of the points.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Points {
-    /// So many, drawn evenly over nine tenths of the ranges.
+    /// A number of points, drawn evenly over nine tenths of the ranges.
     Drawn(u32),
     /// These, `[points][n]`, rad (m).
     Given(Vec<Vec<f64>>),
@@ -34,8 +34,8 @@ impl PointToPoint {
     /// The points as postures.
     ///
     /// # Errors
-    /// [`SimulateError::Point`] for one outside the range of a joint or of another number of joints,
-    /// [`SimulateError::Setting`] for fewer than two points or a dead time that is none.
+    /// [`SimulateError::Point`] for one outside the range of a joint or with another number of joints,
+    /// [`SimulateError::Setting`] for fewer than two points or an invalid dead time.
     pub fn postures(&self, robot: &Robot, seed: u64) -> Result<Vec<PerJoint>, SimulateError> {
         if !(0.0..=3600.0).contains(&self.dead_s) {
             return Err(SimulateError::Setting {
@@ -120,7 +120,7 @@ mod tests {
         let settings = PlanSettings { levels: Some(Vec::new()), excitation, ..PlanSettings::default() };
         let plan = plan_cycle(&robot, &settings).unwrap();
         let stage: Vec<_> = plan.segments.iter().filter(|of| of.stage == Stage::Excitation).collect();
-        // three rests with two ways between them
+        // three rests with two moves between them
         assert_eq!(stage.len(), 5);
         for (segment, point) in stage.iter().step_by(2).zip(&given) {
             assert!((segment.duration - 0.7).abs() < 1e-12);

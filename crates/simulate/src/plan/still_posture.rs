@@ -1,30 +1,31 @@
-//! Postures in which a joint's gravity torque stays as it is while the joint turns: its axis is vertical.
+//! Postures with a vertical axis of a joint, so that its gravity torque is constant while it turns.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::motion::PerJoint;
 use armwatch_model::robot::{JointIndex, JointKind, MAX_JOINTS, Robot};
 
-/// Part of each joint's range, about its middle, that a posture may use.
+/// Share of each joint's range, about its middle, that a posture may use.
 const RANGE_PART: f64 = 0.9;
-/// Postures from which one is searched, beside home.
+/// Starting postures of a search, in addition to home.
 const STARTS: u32 = 64;
-/// Steps of a search; near a posture each of them doubles its digits.
+/// Steps of a search; near a solution each of them doubles the number of correct digits.
 const STEPS: usize = 200;
-/// Last steps of a search, which turn the axis alone: each doubles its digits, so that a few would do.
+/// Last steps of a search, which turn the axis alone: each doubles the number of correct digits, so that a few would be
+/// enough.
 const LAST_STEPS: usize = 20;
 /// Longest step of a joint, rad.
 const STEP_MAX: f64 = 0.3;
-/// Tilt of the axis up to which it is vertical, rad.
+/// Tilt of the axis below which it counts as vertical, rad.
 const VERTICAL: f64 = 1e-9;
-/// What keeps the step finite where no joint can turn the axis further.
+/// Damping that keeps the step finite if no joint can turn the axis further.
 const DAMPING: f64 = 1e-6;
-/// Bases of the sequence that spreads starts evenly, a prime a joint (Halton 1960).
+/// Bases of the sequence that spreads starts evenly, one prime per joint (Halton 1960).
 const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
 
-/// The posture of the joints before `joint` nearest to `home` in which the axis of `joint` is vertical, the others as in
-/// `home`; `None` where no posture within nine tenths of the ranges has it so. A joint that slides carries the same
-/// weight everywhere, so that `home` does, as for any joint without gravity.
+/// The posture of the joints before `joint` nearest to `home` that makes the axis of `joint` vertical; the other joints
+/// are as in `home`. `None` if no posture within nine tenths of the ranges achieves it. A prismatic joint carries the
+/// same weight everywhere, so that the result is `home`, like for any joint without gravity.
 #[must_use]
 pub fn still_posture(robot: &Robot, joint: JointIndex, home: &PerJoint) -> Option<PerJoint> {
     let Some(down) = robot.gravity.try_normalize(f64::MIN_POSITIVE) else { return Some(*home) };
@@ -38,7 +39,7 @@ pub fn still_posture(robot: &Robot, joint: JointIndex, home: &PerJoint) -> Optio
     found.min_by(|a, b| distance(a, home).total_cmp(&distance(b, home)))
 }
 
-/// Angle of a joint's axis from the vertical, rad, 0 to a right angle; 0 without gravity and for a joint that slides.
+/// Angle of a joint's axis from the vertical, rad, 0 to a right angle; 0 without gravity and for a prismatic joint.
 #[must_use]
 pub fn axis_tilt(robot: &Robot, joint: JointIndex, posture: &PerJoint) -> f64 {
     let Some(down) = robot.gravity.try_normalize(f64::MIN_POSITIVE) else { return 0.0 };
@@ -76,8 +77,8 @@ fn room(robot: &Robot, joint: usize) -> [f64; 2] {
     [middle - half, middle + half]
 }
 
-/// From `start` to a posture in which the axis points along `wanted`, drawn towards `home` by what does not turn the
-/// axis (Liégeois 1977, gradient projection).
+/// Searches from `start` for a posture whose axis points along `wanted`. Motion that does not turn the axis approaches
+/// `home` (Liégeois 1977, gradient projection).
 fn aligned(
     robot: &Robot,
     joint: JointIndex,
@@ -162,7 +163,7 @@ mod tests {
             let [low, high] = gravity(&robot, joint.index(), &posture);
             assert!(high - low < 1e-6, "joint {joint}: {low} to {high} Nm in {posture:?}");
             assert!(axis_tilt(&robot, joint, &posture) < VERTICAL);
-            // joints behind stay at home, the others inside their ranges
+            // joints after it stay at home, the others inside their ranges
             for (j, of) in robot.joints.iter().enumerate() {
                 let inside = (of.limits.position_min..=of.limits.position_max).contains(&posture[j]);
                 assert!(inside && (j < joint.index() || posture[j] == 0.0), "joint {joint}: {posture:?}");

@@ -1,4 +1,4 @@
-//! Motions of single joints to and fro: over the range near full speed, through a friction level, to warm up.
+//! Motions of single joints back and forth: over the range near full speed, through a friction level, to warm up.
 
 use std::f64::consts::TAU;
 
@@ -6,23 +6,23 @@ use super::blend::MOVE_MIN_S;
 use super::motion::{PerJoint, Plateaus, RAMP_EDGE, Shuttle, Stroke};
 use armwatch_model::robot::{Joint, JointIndex, JointLimits};
 
-/// Part of the position range that strokes over the whole range use.
+/// Share of the position range for strokes over the whole range.
 pub(super) const RANGE_USE: f64 = 0.985;
-/// Part of the largest acceleration and speed that full-speed motions use.
+/// Share of the largest acceleration and speed for full-speed motions.
 const FULL_USE: f64 = 0.985;
 /// Shortest ramp of a friction level, s: a third of the shortest move.
 const RAMP_MIN_S: f64 = MOVE_MIN_S / 3.0;
-/// Longest way of the full-speed trajectory, s: a joint of many turns needs no more.
+/// Longest stroke of the full-speed trajectory, s: a joint of many turns needs no more.
 const FULL_SPEED_STROKE_S: f64 = 2.5;
 /// Intended and longest duration of a friction level, s.
 const LEVEL_S: [f64; 2] = [3.6, 5.0];
-/// Part of the largest acceleration for ramps that have room.
+/// Share of the largest acceleration for ramps with enough space.
 const GENTLE_RAMP: f64 = 0.7;
 /// A plateau shorter than this is lengthened by steeper ramps, s.
 const PLATEAU_SHORT_S: f64 = 0.35;
 /// Shortest plateau, s: five rows at 50 Hz. A joint whose range is too short for it runs slower.
 pub(super) const PLATEAU_MIN_S: f64 = 0.1;
-/// Part of range and of speed of the warming stage.
+/// Share of range and of speed for the warming stage.
 const WARMING_RANGE: f64 = 0.8;
 const WARMING_SPEED: f64 = 0.8;
 
@@ -31,8 +31,8 @@ pub(super) fn middle_and_range(limits: &JointLimits) -> (f64, f64) {
     (0.5 * (limits.position_min + limits.position_max), limits.position_max - limits.position_min)
 }
 
-/// Out and back over the range in the shortest time that limits allow [4.22-4.24]. Neighbours run
-/// against each other, which tells their parameters apart.
+/// Back and forth over the range in the shortest time that limits allow [4.22-4.24]. Neighbouring joints move in
+/// opposite directions, which distinguishes their parameters.
 pub(super) fn full_speed(joint: &Joint, from_the_top: bool) -> Shuttle {
     let (middle, range) = middle_and_range(&joint.limits);
     let (speed, acceleration) = (FULL_USE * joint.limits.velocity, FULL_USE * joint.limits.acceleration);
@@ -53,13 +53,12 @@ fn cycloid_s(travel: f64, speed: f64, acceleration: f64, jerk: f64) -> f64 {
     (2.0 * travel / speed).max(by_acceleration).max((TAU * TAU * travel / jerk).cbrt())
 }
 
-/// Jerk that motions use; infinite for a joint without such a limit.
+/// Jerk limit of motions; infinite for a joint without such a limit.
 fn usable_jerk(limits: &JointLimits) -> f64 {
     limits.jerk.map_or(f64::INFINITY, |jerk| FULL_USE * jerk)
 }
 
-/// To and fro for exactly `warming_s` seconds; over less of the range if even one round trip over
-/// it takes longer.
+/// Back and forth for exactly `warming_s` seconds; over less of the range if even one round trip over it takes longer.
 pub(super) fn warming_shuttle(joint: &Joint, warming_s: f64) -> Shuttle {
     let (middle, range) = middle_and_range(&joint.limits);
     let (speed, acceleration) = (WARMING_SPEED * joint.limits.velocity, FULL_USE * joint.limits.acceleration);
@@ -84,7 +83,7 @@ pub(super) fn level_motion(joint: &Joint, index: JointIndex, posture: PerJoint, 
 
 fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
     let speed = fraction * limits.velocity;
-    // the jerk of a ramp's edge is speed / (edge (1 - edge) ramp²), with the edge as a part of the ramp
+    // the jerk of a ramp's edge is speed / (edge (1 - edge) ramp²), with the edge as a fraction of the ramp
     let jerk = RAMP_EDGE * (1.0 - RAMP_EDGE) * usable_jerk(limits);
     let by_jerk = |speed: f64| (speed / jerk).sqrt();
     let ramp = |part: f64| {
@@ -101,7 +100,7 @@ fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
     if plateau_s >= PLATEAU_MIN_S {
         return Stroke { speed, ramp_s: steep, plateau_s: plateau_s.min(PLATEAU_SHORT_S) };
     }
-    // speed (plateau + speed / a) = room: as fast as the shortest plateau leaves room for.
+    // speed (plateau + speed / a) = room: the highest speed that leaves space for the shortest plateau
     let a = (1.0 - RAMP_EDGE) * FULL_USE * limits.acceleration;
     let reachable = 0.5 * a * ((PLATEAU_MIN_S * PLATEAU_MIN_S + 4.0 * room / a).sqrt() - PLATEAU_MIN_S);
     // speed (plateau + sqrt(speed / jerk)) = room grows with the speed

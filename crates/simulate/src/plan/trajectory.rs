@@ -16,16 +16,16 @@ use armwatch_model::run::{FrictionSignal, Stage};
 /// Rest before and after the motions of a cycle, s.
 pub(crate) const REST_S: f64 = 0.6;
 
-/// What shapes a cycle, beyond the robot itself.
+/// Settings of a cycle, in addition to the robot itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanSettings {
-    /// Duration of the warming stage, s; 0 leaves it out.
+    /// Duration of the warming stage, s; 0 omits it.
     pub warming_s: f64,
-    /// Seed of what is random: the excitation of a robot whose description gives none, and drawn points.
+    /// Seed of random parts: the excitation of a robot whose description gives none, and random points.
     pub seed: u64,
-    /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
+    /// Speed levels of the friction stage, from 1; `None` for all of the description. An empty list omits the stage.
     pub levels: Option<Vec<u8>>,
-    /// What the excitation stage is made of.
+    /// Parts of the excitation stage.
     pub excitation: ExcitationParts,
     /// Posture of the joints that hold still in the friction stage.
     pub posture: FrictionPosture,
@@ -47,7 +47,7 @@ impl Default for PlanSettings {
     }
 }
 
-/// What the excitation stage is made of, in this order.
+/// Parts of the excitation stage, in this order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExcitationParts {
     /// A period of the Fourier series [4.19-4.21].
@@ -59,7 +59,7 @@ pub struct ExcitationParts {
 }
 
 impl Default for ExcitationParts {
-    /// As the source has it.
+    /// The parts in the source.
     fn default() -> Self {
         Self { series: true, additional: true, points: None }
     }
@@ -68,11 +68,11 @@ impl Default for ExcitationParts {
 /// Posture of the joints that hold still in the friction stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FrictionPosture {
-    /// That of the start of a cycle.
+    /// The posture at the start of a cycle.
     #[default]
     Home,
-    /// One in which the axis of the joint that moves is vertical, so that its gravity torque stays as it is; home where
-    /// the arm has none.
+    /// A posture with a vertical axis of the moving joint, so that its gravity torque is constant; home if the arm has
+    /// none.
     Still,
 }
 
@@ -83,7 +83,7 @@ pub struct CyclePlan {
     pub segments: Vec<Segment>,
     /// Duration, s.
     pub duration: f64,
-    /// Duration without the rest that was asked for at its end, s.
+    /// Duration without the requested rest at its end, s.
     pub working_s: f64,
 }
 
@@ -113,8 +113,8 @@ impl Segment {
 /// Plans one cycle inside the limits of every joint.
 ///
 /// # Errors
-/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], [`SimulateError::NoSuchLevel`], those of the description's
-/// own excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
+/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], [`SimulateError::NoSuchLevel`], those of the
+/// description's own excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
 pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, SimulateError> {
     check_robot(robot)?;
     let levels = chosen_levels(robot, settings.levels.as_deref())?;
@@ -133,7 +133,7 @@ pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, S
 }
 
 impl CyclePlan {
-    /// State at time `t` within the cycle, s: that of its start before it, that of its end behind it.
+    /// State at time `t` within the cycle, s: the start state before it, the end state after it.
     #[must_use]
     pub fn state_at(&self, t: f64) -> MotionState {
         let at = self.segments.partition_point(|segment| segment.start <= t).saturating_sub(1);
@@ -141,7 +141,7 @@ impl CyclePlan {
     }
 }
 
-/// The posture in which `joint` is tested for friction; the joint itself stands at the lower end of its way.
+/// The posture for the friction test of `joint`; the joint itself is at the lower end of its travel.
 #[must_use]
 pub fn friction_posture(robot: &Robot, joint: JointIndex, posture: FrictionPosture) -> PerJoint {
     let home = home(robot).position;
@@ -154,7 +154,7 @@ pub fn friction_posture(robot: &Robot, joint: JointIndex, posture: FrictionPostu
     held
 }
 
-/// Number and part of the top speed of each chosen level, in the order of the description.
+/// Number and fraction of the top speed of each chosen level, in the order of the description.
 fn chosen_levels(robot: &Robot, chosen: Option<&[u8]>) -> Result<Vec<(u8, f64)>, SimulateError> {
     let all: Vec<(u8, f64)> = (1..=u8::MAX).zip(robot.speed_levels.iter().copied()).collect();
     let is_known = |level: &u8| all.iter().any(|(known, _)| known == level);
@@ -234,7 +234,7 @@ impl Builder<'_> {
         if parts.additional {
             let joints = self.robot.joints.iter().enumerate();
             let shuttles: Vec<Shuttle> = joints.map(|(j, joint)| full_speed(joint, j % 2 == 1)).collect();
-            // the way there belongs to the excitation where it goes on from the series
+            // the approach belongs to the excitation if it continues from the series
             let approach = if parts.series { Stage::Excitation } else { Stage::Between };
             self.shuttle(shuttles, approach, Stage::Excitation)?;
         }
@@ -244,7 +244,7 @@ impl Builder<'_> {
         }
     }
 
-    /// To each point and a rest there; the way to the first belongs to no stage.
+    /// To each point and a rest there; the move to the first point belongs to no stage.
     fn points(&mut self, points: &PointToPoint, seed: u64) -> Result<(), SimulateError> {
         let mut stage = Stage::Between;
         for posture in points.postures(self.robot, seed)? {
@@ -257,7 +257,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Each joint alone through these levels, the others held.
+    /// Each joint alone through these levels, the others still.
     fn friction(&mut self, levels: &[(u8, f64)], held: FrictionPosture) -> Result<(), SimulateError> {
         let robot = self.robot;
         if levels.is_empty() {
@@ -319,8 +319,8 @@ mod tests {
     use crate::test_arms::er3a;
     use crate::test_arms::{er3a_with_excitation, nine_joints, one_joint};
 
-    /// Step of central differences, s; their error is of the order of the step squared times the
-    /// third derivative, except at the kinks of the acceleration's slope, where it is of first order.
+    /// Step of central differences, s; their error is of the order of the step squared times the third derivative, and
+    /// of first order at the kinks of the acceleration.
     const STEP_S: f64 = 1e-6;
     /// Positions of up to 10 rad divided by two steps leave 1e-9 rad/s of rounding; kinks of a
     /// jerk of 1000 rad/s³ leave 1e-9 rad/s, and 1e-3 rad/s² in the acceleration.
@@ -367,7 +367,7 @@ mod tests {
             for joint in &mut robot.joints {
                 joint.limits.jerk = Some(4.0 * joint.limits.acceleration);
             }
-            // the published excitation has a jerk of its own
+            // the published excitation has its own jerk
             robot.excitation = None;
             for segment in &plan(&robot, 20.0).segments {
                 let step = segment.duration / 2000.0;

@@ -1,8 +1,8 @@
-//! Temperatures as drives report them: two masses a joint, heated by what motor and gear lose.
+//! Temperatures as reported by drives: two masses per joint, heated by losses of motor and gear.
 //!
-//! Winding and rotor take the copper losses, the housing takes the gear's friction and what comes from the motor,
-//! and gives it to the hall. Nothing in here knows what friction does with warmth: the gears' truth is another
-//! ([`crate::arm::friction`]), as a motor's sensor is not in the oil.
+//! Winding and rotor take the copper losses. The housing takes the gear's friction and the heat from the motor, and
+//! transfers it to the ambient air. This model does not contain the effect of temperature on friction: that is separate
+//! ([`crate::arm::friction`]), because a motor's sensor is not in the oil.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -16,18 +16,19 @@ use crate::plan::motion::PerJoint;
 use armwatch_model::robot::{JointIndex, MAX_JOINTS};
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// Rise of the motor over its housing, and of the housing over the hall, in endless usual motion, K.
+/// Temperature rise of the motor above its housing, and of the housing above ambient, in continuous usual motion, K.
 const MOTOR_RISE: f64 = 12.0;
 const HOUSING_RISE: f64 = 18.0;
 /// Time constant of a housing whose gear is described without a warm-up, s.
 const USUAL_HOUSING_S: f64 = 3000.0;
-/// Drives give a new temperature once in this time, s, and repeat it in between.
+/// Time between two updates of a temperature by a drive, s; it repeats the value in between.
 const READING_S: f64 = 1.0;
-/// Step in which the plan is gone through for its usual losses, s.
+/// Time step of the calculation of the plan's usual losses, s.
 const PLAN_STEP_S: f64 = 0.2;
-/// Step of the time before the first row, s: far below every time constant.
+/// Time step before the first row, s: far below every time constant.
 const BEFORE_STEP_S: f64 = 5.0;
-/// Stream of the sensors' noise: far from those of other channels, which keep their bytes with sensors or without.
+/// Stream of the sensors' noise: far from those of other channels, so that these stay the same with and without
+/// sensors.
 const SENSOR_STREAM: u64 = 1 << 40;
 
 /// A joint as two masses. Losses and conductances are relative: the usual copper loss is 1, and so is the usual
@@ -38,7 +39,7 @@ struct Masses {
     usual: [f64; 2],
     /// Heat capacities of motor and housing over their conductances, s.
     time: [f64; 2],
-    /// Temperatures of motor and housing above the hall, K.
+    /// Temperatures of motor and housing above ambient, K.
     above: [f64; 2],
 }
 
@@ -46,7 +47,7 @@ impl Masses {
     /// Steps by `dt`, s, with copper and friction losses relative to the usual.
     fn step(&mut self, [copper, friction]: [f64; 2], dt: f64) {
         let [motor, housing] = self.above;
-        // conductances such that the usual losses make the usual rises
+        // conductances that give the usual rises at the usual losses
         let (inner, outer) = (1.0 / MOTOR_RISE, 2.0 / HOUSING_RISE);
         let between = inner * (motor - housing);
         self.above[0] += dt / (inner * self.time[0]) * (copper - between);
@@ -54,7 +55,7 @@ impl Masses {
     }
 }
 
-/// Temperatures of a run as it goes on, and their sensors.
+/// Temperatures during a run, and their sensors.
 #[derive(Debug, Clone)]
 pub(super) struct Heat {
     settings: TemperatureSettings,
@@ -65,7 +66,7 @@ pub(super) struct Heat {
     reading: SensorReading,
 }
 
-/// What the sensors say, K.
+/// Readings of the sensors, K.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct SensorReading {
     pub motor: PerJoint,
@@ -73,7 +74,7 @@ pub(super) struct SensorReading {
 }
 
 impl Heat {
-    /// At the first row of a run: warmed as long in usual motion as the run's gears are.
+    /// Creates the state at the first row of a run: warmed in usual motion for the same time as the run's gears.
     pub fn new(recording: &Recording, settings: TemperatureSettings, seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(SENSOR_STREAM + stream);
@@ -97,9 +98,9 @@ impl Heat {
         }
     }
 
-    /// What the sensors say at `time`, s, before the losses of `dt`, s: torque of each joint, Nm, and friction, W.
+    /// Readings of the sensors at `time`, s, before the losses of `dt`, s: torque of each joint, Nm, and friction, W.
     pub fn step(&mut self, time: f64, dt: f64, torque: &PerJoint, friction: &PerJoint) -> SensorReading {
-        // half a row is none
+        // half a row of tolerance
         if time >= self.next_reading - 0.5 * dt {
             self.next_reading += READING_S;
             self.read();
@@ -124,8 +125,8 @@ impl Heat {
     }
 }
 
-/// Mean squared torque, N²m², and mean friction power, W, of each joint over a cycle with warm gears, without the rest
-/// that was asked for at its end; never zero.
+/// Mean squared torque, N²m², and mean friction power, W, of each joint over a cycle with warm gears, without the
+/// requested rest at its end; never zero.
 pub(super) fn usual_losses(recording: &Recording) -> Vec<[f64; 2]> {
     let mut sums = vec![[0.0; 2]; recording.friction.len()];
     let mut segments = recording.plan.segments.iter().peekable();
@@ -163,7 +164,7 @@ pub(super) fn friction_power(lost: &PerJoint, velocity: &PerJoint) -> PerJoint {
 mod tests {
     use super::*;
 
-    /// Of temperatures after some ten thousand steps of first order.
+    /// Tolerance of temperatures after some ten thousand steps of first order.
     const STEPPING: f64 = 0.05;
 
     fn masses() -> Masses {

@@ -1,7 +1,7 @@
-//! An excitation stage in which everything but the noise is as the identifier's model has it: friction
-//! is the polynomial [3.10], warm and steady, and the true parameters are those of the description.
+//! An excitation stage that matches the identifier's model except for noise: friction is the polynomial [3.10], warm
+//! and steady, and the true parameters are those of the description.
 //!
-//! For checks of estimators and their errors; an export is made by [`crate::simulate_run`].
+//! For checks of estimators and their errors; exports come from [`crate::simulate_run`].
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -14,24 +14,24 @@ use crate::plan::trajectory::{ExcitationParts, PlanSettings, plan_cycle};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Rows after the last of the excitation stage, s: the low-pass needs a surrounding.
+/// Duration of the rows after the excitation stage, s: the low-pass needs rows around it.
 const TAIL_S: f64 = 0.5;
 
-/// What to record.
+/// Settings of the recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExactSettings {
-    /// Noise follows from it.
+    /// Seed of the noise.
     pub seed: u64,
-    /// Rows a second, Hz.
+    /// Rows per second, Hz.
     pub sample_rate_hz: f64,
     /// Torque noise relative to the description's.
     pub torque_noise_scale: f64,
-    /// Correlation of the torque noise from one row to the next; 0 for white noise. The standard
-    /// deviation stays the same.
+    /// Correlation of the torque noise from one row to the next; 0 for white noise. The standard deviation is
+    /// unaffected.
     pub torque_noise_correlation: f64,
     /// Noise of position and velocity.
     pub sensors: SensorSettings,
-    /// Whether the motion over the ranges near full speed follows the series.
+    /// True if the motion over the ranges near full speed follows the series.
     pub additional: bool,
 }
 
@@ -103,7 +103,7 @@ fn torque_noise(robot: &Robot, joint: usize, settings: &ExactSettings) -> Result
     Ok(settings.torque_noise_scale * nominal.torque_noise)
 }
 
-/// Friction as [3.10] has it, Nm.
+/// Friction by [3.10], Nm.
 fn polynomial_friction(robot: &Robot, joint: usize, qd: f64) -> Result<f64, SimulateError> {
     let nominal =
         robot.joints[joint].nominal.ok_or(SimulateError::NoNominal { joint: JointIndex::new(joint) })?;

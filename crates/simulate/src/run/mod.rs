@@ -1,4 +1,4 @@
-//! One run of the arm, row by row: its controller, its warmth, what sensors and clock give, and the truth of it.
+//! One run of the arm, row by row: its controller, its temperature, sensors and clock, and the true values.
 
 pub mod servo;
 pub mod temperatures;

@@ -1,4 +1,4 @@
-//! Records a run: the torques of the true arm along its plan, as sensors and clock give them.
+//! Records a run: the torques of the true arm along its plan, through sensors and clock.
 
 use std::f64::consts::TAU;
 
@@ -20,14 +20,14 @@ use crate::plan::motion::{MotionPiece, MotionState, PerJoint};
 use crate::plan::trajectory::{CyclePlan, Segment};
 use armwatch_model::robot::{FRICTION_COUNT, JointIndex, MAX_JOINTS};
 
-/// Noise of the clock is drawn from streams of its own, so that it changes no other.
+/// Noise of the clock has separate random streams, so that it changes no other noise.
 const CLOCK_STREAM: u64 = 1 << 40;
-/// Phase of the hum from joint to joint: the golden angle, so that no two are alike.
+/// Phase shift of the hum from joint to joint: the golden angle, so that no two are alike.
 const HUM_PHASE: f64 = 2.399_963;
 
-/// Hands each row of the run to `sink` and returns the truth behind it, cycle by cycle.
+/// Passes each row of the run to `sink` and returns its true values, cycle by cycle.
 ///
-/// `seed` and `stream` choose the noise.
+/// `seed` and `stream` select the noise.
 ///
 /// # Errors
 /// The first error of `sink`.
@@ -98,8 +98,8 @@ pub fn record<E>(
     Ok(truths)
 }
 
-/// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way. `links` moves as
-/// planned, `state` as the motors do: the same unless gears bend.
+/// Torque at each joint, and the part of it that the gears lose; also adds up plateau friction. `links` moves as
+/// planned, `state` is the motion of the motors: the same unless gears bend.
 fn true_torque(
     recording: &Recording,
     (friction_factor, warmth): (&PerJoint, &PerJoint),
@@ -113,13 +113,13 @@ fn true_torque(
     let plateau = match &segment.motion {
         MotionPiece::Plateaus(p) => {
             let direction = p.plateau_direction(t - segment.start);
-            // an arm that is behind its plan comes to constant speed later
+            // an arm with a lag reaches constant speed later
             let is_steady = settled <= 0.0 || p.plateau_direction(t - segment.start - settled) == direction;
             direction.filter(|_| is_steady).map(|direction| (p.joint, direction))
         }
         _ => None,
     };
-    // what the links need, and the inertia of the motors along their own motion
+    // torque for the links, and for the inertia of the motors along their own motion
     let mut torque = joint_torque(&recording.chain, links);
     for (j, torque) in torque.iter_mut().enumerate() {
         let inertia = recording.chain.motor_inertia(JointIndex::new(j));
@@ -143,7 +143,7 @@ fn true_torque(
     (torque, all_lost)
 }
 
-/// What the gears remember from row to row: how far their Coulomb friction has turned over.
+/// Memory of the gears from row to row: the state of their Coulomb friction.
 #[derive(Debug, Default)]
 pub(super) struct Gears {
     /// Positions of the row before.
@@ -152,7 +152,7 @@ pub(super) struct Gears {
 }
 
 impl Gears {
-    /// Takes the motion of the next row and returns the part of each joint's Coulomb friction, -1 to 1.
+    /// Takes the motion of the next row and returns the share of each joint's Coulomb friction, -1 to 1.
     pub(crate) fn turn(&mut self, recording: &Recording, state: &MotionState) -> PerJoint {
         let before = self.position.replace(state.position).unwrap_or(state.position);
         for (j, friction) in recording.friction.iter().enumerate() {
@@ -202,10 +202,10 @@ fn stepped(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }
 
-/// Sums over the plateaus of one cycle, and where in the plan the rows are.
+/// Sums over the plateaus of one cycle, and the position of the rows in the plan.
 pub(super) struct PlateauTally {
     pub(super) current: usize,
-    /// One entry a friction segment of the plan, by its index in the plan.
+    /// One entry per friction segment of the plan, by its index in the plan.
     pub(crate) levels: Vec<(usize, PlateauSums)>,
 }
 
@@ -224,7 +224,7 @@ impl PlateauTally {
         Self { current: 0, levels: friction.map(|(i, _)| (i, PlateauSums::default())).collect() }
     }
 
-    /// The segment at `t`; times may only rise. The last one holds after its end.
+    /// The segment at `t`; times must not decrease. The last one is valid after its end.
     fn segment_at<'p>(&mut self, plan: &'p CyclePlan, t: f64) -> &'p Segment {
         while self.current + 1 < plan.segments.len() && t >= plan.segments[self.current + 1].start {
             self.current += 1;

@@ -1,4 +1,4 @@
-//! A run row by row: what the arm does, and what its controller would record of it.
+//! A run row by row: the motion of the arm, and the values that its controller records.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +13,7 @@ use crate::plan::motion::PerJoint;
 use crate::plan::trajectory::CyclePlan;
 use armwatch_model::run::{FrictionSignal, Stage};
 
-/// What the signals add to the truth: rad, rad/s (m, m/s) and Nm (N).
+/// Errors of the signals relative to the true values: rad, rad/s (m, m/s) and Nm (N).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorSettings {
     /// Standard deviation of the position signal.
@@ -24,8 +24,8 @@ pub struct SensorSettings {
     pub velocity_noise: f64,
     /// Step of the velocity signal; 0 for none.
     pub velocity_step: f64,
-    /// Correlation of the torque signals' noise from row to row, an autoregression of order one; 0 for white noise. Its
-    /// standard deviation stays the same.
+    /// Correlation of the torque signals' noise from row to row, an autoregression of order one; 0 for white noise. The
+    /// standard deviation is unaffected.
     pub torque_correlation: f64,
     /// Step of the torque signals; 0 for none.
     pub torque_step: f64,
@@ -48,7 +48,7 @@ impl Default for SensorSettings {
     }
 }
 
-/// What warms a gear.
+/// Heat source of a gear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Heating {
     /// Time alone, as if the arm never rested.
@@ -58,25 +58,25 @@ pub enum Heating {
     Work,
 }
 
-/// How the instants of rows follow each other, with the same mean step.
+/// Sequence of the instants of rows, with the same mean step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Clock {
-    /// Every step alike.
+    /// Equal steps.
     #[default]
     Even,
-    /// Steps longer and shorter in turn by this part of the mean step, as of a logger whose timer has a coarser
+    /// Alternately longer and shorter steps by this fraction of the mean step, like a logger whose timer has a coarser
     /// resolution.
     Alternating(f64),
-    /// Each instant off by this standard deviation, in mean steps; never more than four tenths.
+    /// Each instant is off by this standard deviation, in mean steps; never more than four tenths.
     Jittering(f64),
 }
 
 impl Clock {
-    /// How much row `row` is late, s, where the mean step is `step`.
+    /// Delay of row `row`, s, at a mean step of `step`.
     pub(crate) fn delay(self, row: u64, step: f64, rng: &mut ChaCha8Rng) -> f64 {
         let steps = match self {
             Self::Even => return 0.0,
-            // the step before an odd row is longer by `part`, the one behind it shorter
+            // the step before an odd row is longer by `part`, the one after it shorter
             Self::Alternating(part) => {
                 if row % 2 == 1 {
                     part
@@ -99,27 +99,27 @@ pub struct Recording {
     pub servo: Servo,
     /// Rigid dynamics.
     pub chain: RigidChain,
-    /// Compliance of each joint's gear, rad/Nm (m/N); 0 of a stiff one.
+    /// Compliance of each joint's gear, rad/Nm (m/N); 0 for a stiff one.
     pub compliance: PerJoint,
     /// Friction of each joint in this run.
     pub friction: Vec<JointFriction>,
-    /// What warms the gears.
+    /// Heat source of the gears.
     pub heating: Heating,
     /// Standard deviation of each torque signal, Nm.
     pub torque_noise: Vec<f64>,
     /// Errors of the position and velocity signals.
     pub sensors: SensorSettings,
-    /// Rows a second, Hz.
+    /// Rows per second, Hz.
     pub sample_rate_hz: f64,
     /// How their instants follow each other.
     pub clock: Clock,
     /// Cycles.
     pub cycles: u32,
-    /// Warmth at the first row.
+    /// Temperature state at the first row.
     pub initial: ThermalState,
     /// Temperatures that the controller records.
     pub temperatures: TemperatureSettings,
-    /// What is wrong in this run.
+    /// Faults of this run.
     pub faults: RunFaults,
 }
 
@@ -140,17 +140,17 @@ pub struct RecordedRow {
     pub cycle: u32,
     /// Joint and level during the friction stage.
     pub signal: Option<FrictionSignal>,
-    /// Temperatures of the motors as their sensors give them, K; zero where none are recorded.
+    /// Temperatures of the motors by their sensors, K; zero if none are recorded.
     pub motor_temperature: PerJoint,
-    /// That of the hall, K.
+    /// The ambient temperature, K.
     pub ambient_temperature: f64,
 }
 
 impl Recording {
-    /// Rows of each cycle: every cycle starts on a row, the last rest fills it up.
+    /// Rows of each cycle: every cycle starts on a row, and the last rest is extended accordingly.
     #[must_use]
     pub fn rows_per_cycle(&self) -> u32 {
-        // A duration that is whole but for rounding must not gain a row.
+        // A duration that is a whole number of rows except for rounding must not gain a row.
         (self.plan.duration * self.sample_rate_hz - 1e-6).ceil().max(1.0) as u32
     }
 

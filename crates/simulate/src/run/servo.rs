@@ -1,10 +1,9 @@
-//! How a controller follows its plan: late by a dead time, and behind it by a lag.
+//! How a controller follows its plan: with a dead time, and with a lag.
 //!
-//! A joint under position control with speed pre-control behaves near enough like a critically damped filter of second
-//! order, whose answer to a blow is `t / T² exp(-t / T)`: at constant speed it is `2 T` behind the plan. The motion that
-//! it makes of a plan is the mean of the plan over the past with this weight. The integral is taken by Gauss-Laguerre
-//! quadrature (Golub & Welsch 1969): a sum of shifted plans, whose velocity and acceleration are the derivatives of its
-//! position to the last digit.
+//! A joint under position control with speed pre-control behaves approximately like a critically damped filter of
+//! second order, whose impulse response is `t / T² exp(-t / T)`: at constant speed it is `2 T` behind the plan. Its
+//! motion is the mean of the past plan with this weight. The integral is computed by Gauss-Laguerre quadrature (Golub &
+//! Welsch 1969): a sum of shifted plans, whose velocity and acceleration are exact derivatives of its position.
 
 use nalgebra::DMatrix;
 
@@ -14,13 +13,13 @@ use armwatch_model::robot::MAX_JOINTS;
 
 /// Points of the quadrature, which integrates polynomials in time of degree 15 exactly.
 const POINTS: usize = 8;
-/// Lags after which 0.3 % of the weight is left to what was before: 9 exp(-8).
+/// Number of lags after which 0.3 % of the weight is on the earlier motion: 9 exp(-8).
 const SETTLED_LAGS: f64 = 4.0;
 
-/// How late a motion is.
+/// Delays of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ServoSettings {
-    /// How far a joint at constant speed is behind its plan, s.
+    /// Delay of a joint at constant speed behind its plan, s.
     pub lag_s: f64,
     /// Time from the plan, and from the stage signals, to the motion, s.
     pub delay_s: f64,
@@ -30,12 +29,12 @@ pub struct ServoSettings {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Servo {
     settings: ServoSettings,
-    /// How long ago, s, and with which weight; empty where the motion is the plan.
+    /// Delay, s, and weight of each shifted plan; empty if the motion equals the plan.
     past: Vec<[f64; 2]>,
 }
 
 impl ServoSettings {
-    /// Time after which the motion does what the plan has done since, s.
+    /// Time after which the motion has reached the plan, s.
     #[must_use]
     pub fn settled_after(&self) -> f64 {
         self.delay_s + SETTLED_LAGS * self.lag_s
@@ -43,7 +42,7 @@ impl ServoSettings {
 }
 
 impl Servo {
-    /// With these delays.
+    /// Creates a servo with these delays.
     #[must_use]
     pub fn new(settings: ServoSettings) -> Self {
         let ServoSettings { lag_s, delay_s } = settings;
@@ -55,7 +54,7 @@ impl Servo {
         Self { settings, past }
     }
 
-    /// The motion at `t`, s, within a cycle whose plan has `segment` then.
+    /// The motion at `t`, s, within a cycle whose plan is in `segment` then.
     #[must_use]
     pub fn state_at(&self, plan: &CyclePlan, segment: &Segment, t: f64) -> MotionState {
         if self.past.is_empty() {
@@ -73,7 +72,7 @@ impl Servo {
         sum
     }
 
-    /// Time after which the motion does what the plan has done since, s.
+    /// Time after which the motion has reached the plan, s.
     #[must_use]
     pub fn settled_after(&self) -> f64 {
         self.settings.settled_after()
@@ -103,7 +102,7 @@ mod tests {
 
     #[test]
     fn the_quadrature_has_the_moments_of_its_weight() {
-        // of x^k, the integral of x^(k + 1) exp(-x) is (k + 1)!
+        // the integral of x^(k + 1) exp(-x), for the moment of x^k, is (k + 1)!
         let mut factorial = 1.0;
         for k in 0..=9 {
             factorial *= f64::from(k + 1);
@@ -125,7 +124,7 @@ mod tests {
             let (now, planned) = (at(t), plan.state_at(t - 0.028));
             let (before, after) = (at(t - 1e-4), at(t + 1e-4));
             for j in 0..6 {
-                // a motion of some hertz at most: what is left is of second order in the lag
+                // a motion of some hertz at most: the deviation is of second order in the lag
                 assert!((now.position[j] - planned.position[j]).abs() < 2e-3);
                 let velocity = (after.position[j] - before.position[j]) / 2e-4;
                 let acceleration = (after.velocity[j] - before.velocity[j]) / 2e-4;

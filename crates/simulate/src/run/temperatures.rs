@@ -1,16 +1,16 @@
-//! Which temperatures are recorded, and how their sensors measure.
+//! The recorded temperatures, and the properties of their sensors.
 
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// The usual hall, K.
+/// The usual ambient temperature, K.
 pub const USUAL_AMBIENT: f64 = ZERO_CELSIUS + 22.0;
 
-/// Which temperatures are recorded.
+/// The recorded temperatures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TemperatureColumns {
-    /// Of each joint's motor.
+    /// True for the motor temperature of each joint.
     pub motor: bool,
-    /// Of the hall.
+    /// True for the ambient temperature.
     pub ambient: bool,
 }
 
@@ -22,21 +22,21 @@ impl TemperatureColumns {
     }
 }
 
-/// What a controller records of temperatures, and how.
+/// The recorded temperatures and the properties of their sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemperatureSettings {
-    /// Which.
+    /// The recorded temperatures.
     pub columns: TemperatureColumns,
     /// Step of the values, K: drives round to 0.1 or 1.
     pub step_k: f64,
     /// Standard deviation of a reading before it is rounded, K.
     pub noise_k: f64,
-    /// Time constant between motor and housing, s: how far the sensor is behind the gear.
+    /// Time constant between motor and housing, s: the delay of the sensor behind the gear.
     pub lag_s: f64,
 }
 
 impl Default for TemperatureSettings {
-    /// Nothing recorded; sensors to 0.1 K with as much noise, ten minutes behind the housing.
+    /// Nothing recorded; sensors with a resolution of 0.1 K and as much noise, ten minutes behind the housing.
     fn default() -> Self {
         Self { columns: TemperatureColumns::default(), step_k: 0.1, noise_k: 0.1, lag_s: 600.0 }
     }

@@ -1,4 +1,4 @@
-//! What a simulated export was made from, for tests and demonstrations to compare with.
+//! The true values behind a simulated export, for comparison in tests and demonstrations.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-/// Truth file of one run. Units end the names; for a sliding joint read N for Nm and m for rad.
+/// Truth file of one run. Names end in units; for a prismatic joint read N for Nm and m for rad.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunTruth {
     /// File name of the export.
@@ -33,31 +33,31 @@ pub struct RunTruth {
     pub warming_s: f64,
     /// Time between the cold start and the first row, s.
     pub initial_warm_s: f64,
-    /// Ambient temperature against the usual one, K.
+    /// Difference between the ambient temperature and the usual one, K.
     pub ambient_offset_k: f64,
     /// Standard deviation of the position signals, rad.
     pub position_noise_rad: f64,
     /// Standard deviation of the velocity signals, rad/s.
     pub velocity_noise_rad_s: f64,
-    /// How far joints at constant speed are behind their plan, s; absent where they are not.
+    /// Delay of joints at constant speed behind their plan, s; absent if zero.
     #[serde(skip_serializing_if = "is_zero")]
     pub following_lag_s: f64,
-    /// Time from plan and stage signals to the motion, s; absent where there is none.
+    /// Time from plan and stage signals to the motion, s; absent if zero.
     #[serde(skip_serializing_if = "is_zero")]
     pub command_delay_s: f64,
-    /// Step of the torque signals, Nm; absent where there is none.
+    /// Step of the torque signals, Nm; absent if there is none.
     #[serde(skip_serializing_if = "is_zero")]
     pub torque_step_nm: f64,
-    /// Hum of the torque signals: frequency, Hz, and amplitude, Nm; absent where there is none.
+    /// Hum of the torque signals: frequency, Hz, and amplitude, Nm; absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub torque_hum_hz_nm: Option<[f64; 2]>,
-    /// Whether gears warm by the work that they do; absent where they warm by time.
+    /// True if gears warm by the work that they do; absent if they warm with time.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub heating_by_work: bool,
     /// Body at the tool frame; absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadTruth>,
-    /// Parameters of each joint and its link in this run, the load left out.
+    /// Parameters of each joint and its link in this run, without the load.
     pub joints: Vec<JointTruth>,
     /// Faults with their size in this run.
     pub faults: Vec<FaultTruth>,
@@ -80,21 +80,21 @@ pub struct JointTruth {
     pub wear: f64,
     /// Height of the bump at low speed once warm, Nm.
     pub stribeck_nm: f64,
-    /// Speed at which the bump has fallen to 1/e, rad/s.
+    /// Speed of decay of the bump to 1/e, rad/s.
     pub stribeck_rad_s: f64,
     /// Amplitude of the torque ripple at low speed, Nm.
     pub ripple_nm: f64,
-    /// All ripples, where they were asked for in place of that of the friction shape; else absent.
+    /// All ripples, if they replace that of the friction shape; otherwise absent.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ripples: Vec<RippleTruth>,
-    /// Part by which friction is larger in the positive direction and smaller in the negative one; absent where it is the
-    /// same.
+    /// Excess of friction in the positive direction, as a fraction; the negative direction has as much less. Absent if
+    /// zero.
     #[serde(skip_serializing_if = "is_zero")]
     pub friction_direction: f64,
-    /// Friction for each Nm that the gear carries; absent where it does not depend on the load.
+    /// Friction per Nm that the gear carries; absent if it does not depend on the load.
     #[serde(skip_serializing_if = "is_zero")]
     pub friction_load: f64,
-    /// Part of the transmitted power that the gear's teeth lose at speed; absent where they lose none.
+    /// Fraction of the transmitted power that the gear's teeth lose at speed; absent if zero.
     #[serde(skip_serializing_if = "is_zero")]
     pub teeth_loss: f64,
     /// Standard deviation of the torque signal, Nm.
@@ -104,7 +104,7 @@ pub struct JointTruth {
 /// A ripple of the torque with the angle of the motor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RippleTruth {
-    /// Waves a turn of the motor.
+    /// Waves per turn of the motor.
     pub order: f64,
     /// Amplitude at low speed, Nm.
     pub amplitude_nm: f64,
@@ -123,14 +123,14 @@ pub struct LoadTruth {
     pub centre_m: [f64; 3],
 }
 
-/// A fault as it is in one run.
+/// A fault in one run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FaultTruth {
-    /// The fault as it is written on the command line.
+    /// The fault in the notation of the command line.
     pub fault: String,
-    /// Joint number, from 1; null where it is the whole arm's.
+    /// Joint number, from 1; null for a fault of the whole arm.
     pub joint: Option<usize>,
-    /// Its size in this run, in the unit of its kind; 0 where it is not there.
+    /// Its size in this run, in the unit of its kind; 0 if absent.
     pub size: f64,
 }
 
@@ -156,7 +156,7 @@ pub struct JointThermalTruth {
     pub friction_f1_f4: [f64; 4],
 }
 
-/// Mean friction over the rows of the constant-speed plateaus of a level, ripple left out.
+/// Mean friction over the rows of the constant-speed plateaus of a level, without ripple.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FrictionLevelTruth {
     /// Joint number, from 1.
@@ -165,7 +165,7 @@ pub struct FrictionLevelTruth {
     pub level: u8,
     /// Mean time of the rows since the start of the run, min; null without rows.
     pub minute: Option<f64>,
-    /// Speed of the plateau, rad/s; below the level's own where the range is too short for it.
+    /// Speed of the plateau, rad/s; below the level's own if the range is too short for it.
     pub speed_rad_s: Option<f64>,
     /// Rows of the plateaus in both directions.
     pub rows: u32,
@@ -178,7 +178,7 @@ pub struct FrictionLevelTruth {
 /// Writes the truth as JSON.
 ///
 /// # Errors
-/// Whatever writing the file fails with.
+/// Those of writing the file.
 pub fn write_truth(path: &Path, truth: &RunTruth) -> io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
     serde_json::to_writer_pretty(&mut file, truth)?;

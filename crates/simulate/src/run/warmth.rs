@@ -1,8 +1,8 @@
-//! How warm the gears are from row to row: by the time since a cold start, or by the work that they did.
+//! Temperature state of the gears from row to row: by the time since a cold start, or by their work.
 //!
-//! By time, what is left of the cold falls as `exp(-t / t1)` and `exp(-t / t2)` whatever the arm does [5.4]. By work, each
-//! of these parts follows `dc/dt = (1 - p - c) / t1`, with `p` the friction power of the joint over its usual one: usual
-//! motion gives [5.4] again, rest brings the cold back with the same constants, and harder work warms further.
+//! By time, the remaining coldness falls as `exp(-t / t1)` and `exp(-t / t2)` for any motion [5.4]. By work, each of
+//! these parts follows `dc/dt = (1 - p - c) / t1`, with `p` the friction power of the joint relative to its usual one:
+//! usual motion gives [5.4] again, rest restores the coldness with the same constants, and harder work warms further.
 
 use super::heat::usual_losses;
 use super::recording::{Heating, Recording};
@@ -10,18 +10,18 @@ use crate::arm::friction::{ThermalState, cold_parts, multiplier_of, thermal_mult
 use crate::plan::motion::PerJoint;
 use armwatch_model::robot::MAX_JOINTS;
 
-/// Most power that counts, in units of the usual one: a first row from rest is no furnace.
+/// Largest power that counts, in units of the usual one: the first row after rest must not overheat.
 const POWER_MOST: f64 = 3.0;
 
 /// The gears of a run.
 #[derive(Debug, Clone)]
 pub(super) struct Warmth {
-    /// By work: usual friction power, W, and what is left of the cold, of each joint.
+    /// By work: usual friction power, W, and remaining coldness, of each joint.
     worked: Option<Vec<(f64, [f64; 2])>>,
 }
 
 impl Warmth {
-    /// At the first row of a run.
+    /// Creates the state at the first row of a run.
     pub fn new(recording: &Recording) -> Self {
         let of_joint = |(usual, friction): ([f64; 2], &crate::arm::friction::JointFriction)| {
             (usual[1], cold_parts(&friction.warm_up, recording.initial.seconds))
@@ -30,7 +30,7 @@ impl Warmth {
         Self { worked: (recording.heating == Heating::Work).then(by_work) }
     }
 
-    /// Friction of each joint at `time`, s, over its warm friction in the usual hall.
+    /// Friction of each joint at `time`, s, relative to its warm friction at the usual ambient temperature.
     pub fn multipliers(&self, recording: &Recording, time: f64) -> PerJoint {
         let mut found = [1.0; MAX_JOINTS];
         let state = ThermalState { seconds: recording.initial.seconds + time, ..recording.initial };
@@ -46,7 +46,7 @@ impl Warmth {
         found
     }
 
-    /// Goes on by `dt`, s, in which friction took `power`, W.
+    /// Advances by `dt`, s, at a friction power of `power`, W.
     pub fn step(&mut self, recording: &Recording, dt: f64, power: &PerJoint) {
         let Some(joints) = &mut self.worked else { return };
         for ((usual, cold), (friction, power)) in joints.iter_mut().zip(recording.friction.iter().zip(power))
@@ -95,7 +95,7 @@ mod tests {
             assert!((warm[j] - expected[j]).abs() < 1e-3, "joint {}: {} {}", j + 1, warm[j], expected[j]);
             assert!(warm[j] < 1.2);
         }
-        // an hour of rest brings most of the cold back, harder work takes more than all of it
+        // an hour of rest restores most of the coldness, harder work removes more than all of it
         let mut rested = worked.clone();
         (0..7200).for_each(|_| rested.step(&by_work, 0.5, &[0.0; MAX_JOINTS]));
         let cold = rested.multipliers(&by_work, 0.0);

@@ -1,4 +1,4 @@
-//! What limits cost a search, with the slopes of that.
+//! Penalties of limits in a search, with their gradients.
 
 use super::{MISSED, SearchProblem, SeriesSlope};
 use crate::clearance::nearest_of_series;
@@ -8,14 +8,14 @@ use armwatch_method::lanes::{LANES, Lanes};
 use armwatch_method::model::regressor_lanes::{LaneStates, RegressorLanes};
 use armwatch_model::robot::FourierExcitation;
 
-/// Distance in whose units a missing distance counts, m.
+/// Unit of the penalty for missing distances, m.
 const CLEARANCE_SCALE_M: f64 = 0.05;
 
-/// How much more than asked for a search keeps away, m: it looks at fewer instants than the check at the end.
+/// Additional distance that a search keeps, m, because it checks fewer instants than the final check.
 const CLEARANCE_ROOM_M: f64 = 0.005;
 
 impl SearchProblem<'_> {
-    /// Squares of what exceeds limits of position, velocity and acceleration.
+    /// Penalty of exceeded limits of position, velocity and acceleration, squared.
     pub(super) fn exceeding(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
         let instants = self.basis.instants();
         let margin = between_instants(self.settings.harmonics, instants);
@@ -42,7 +42,7 @@ impl SearchProblem<'_> {
         cost
     }
 
-    /// Square of what each joint's largest speed lacks.
+    /// Penalty of each joint's missing largest speed, squared.
     pub(super) fn too_slow(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
         let share = self.settings.reached_speed;
         if share <= 0.0 {
@@ -67,7 +67,7 @@ impl SearchProblem<'_> {
         cost
     }
 
-    /// Squares of what exceeds limits of torque: its root mean square over the period, and its magnitude.
+    /// Penalty of exceeded limits of torque, squared: its root mean square over the period, and its magnitude.
     pub(super) fn torque_exceeding(
         &self,
         states: &[LaneStates],
@@ -129,7 +129,7 @@ impl SearchProblem<'_> {
         cost
     }
 
-    /// Squares of what exceeds limits of the jerk; adds its slope to that along the numbers of the search.
+    /// Penalty of exceeded limits of the jerk, squared; adds its gradient to that along the variables of the search.
     pub(super) fn jerk_exceeding(&self, series: &FourierExcitation, penalty: f64, slope: &mut [f64]) -> f64 {
         let instants = self.basis.instants();
         let margin = between_instants(self.settings.harmonics, instants);
@@ -158,7 +158,7 @@ impl SearchProblem<'_> {
         cost
     }
 
-    /// Squares of what distances lack.
+    /// Penalty of missing distances, squared.
     pub(super) fn too_near(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
         let Some(limit) = &self.settings.clearance else { return 0.0 };
         let wanted = limit.distance + CLEARANCE_ROOM_M;
@@ -185,7 +185,7 @@ impl SearchProblem<'_> {
         cost
     }
 
-    /// What a series that comes nearer than allowed counts worse by, between the instants of the search too.
+    /// Penalty of a series that comes closer than allowed, including between the instants of the search.
     pub(super) fn nearer_than_allowed(&self, series: &FourierExcitation) -> f64 {
         let Some(limit) = &self.settings.clearance else { return 0.0 };
         let nearest = nearest_of_series(self.robot, &limit.clearance, series);

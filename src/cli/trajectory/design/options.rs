@@ -12,8 +12,8 @@ use armwatch_method::detect::rate::budget::Budget;
 use armwatch_model::robot::Robot;
 use armwatch_trajectory::problem::SeriesForm;
 
-/// Share of the top speeds that each joint reaches at least where the scaled condition number is searched: the columns
-/// of a joint that hardly moves can be scaled too, and tell nothing.
+/// Share of the top speeds that each joint reaches at least in a search for the scaled condition number: scaling also
+/// hides that the columns of a joint that hardly moves carry no information.
 const REACHED_WHERE_SCALED: f64 = 0.5;
 
 #[derive(Debug, Args)]
@@ -201,7 +201,7 @@ impl DesignArgs {
         {
             return Err(CliError::Usage(format!("{option} {value}: {low} to {high} {unit} is possible")));
         }
-        // fewer rows than two a wave show a motion that is not there
+        // fewer than two rows per wave show a wrong motion
         let least = 2.0 * f64::from(self.harmonics) / self.seconds;
         if self.rate_hz <= least {
             return Err(CliError::Usage(format!(
@@ -228,14 +228,14 @@ impl DesignArgs {
         self.reach_speed_share.unwrap_or(usual)
     }
 
-    /// What is made small; of an addition to ordinary work the standard deviations.
+    /// The minimised objective; for an addition to production, the standard deviations.
     pub(super) fn objective(&self) -> ObjectiveArg {
         if self.beside.is_asked() { ObjectiveArg::StandardDeviation } else { self.objective }
     }
 }
 
 impl DesignArgs {
-    /// What one channel of a test may spend of the false alarms of a year.
+    /// Share of the yearly false alarms that one channel of a test may use.
     pub(super) fn budget(&self, global: &Global, robot: &Robot) -> Result<Budget, CliError> {
         let rate = match self.false_alarms_per_robot_year {
             Some(rate) => rate,
@@ -263,7 +263,7 @@ impl FormArg {
         }
     }
 
-    /// How a programme says it.
+    /// Its notation in a programme.
     pub(super) fn recorded(self) -> Option<String> {
         (self == Self::HarmonicSine).then(|| "harmonic-sine".to_owned())
     }

@@ -1,4 +1,4 @@
-//! What is said of a motion that was found: conditions, limits, and what a recording of it will tell.
+//! Report on a designed motion: condition numbers, limits, and the predicted results of a recording.
 
 use serde_json::{Value, json};
 
@@ -16,31 +16,32 @@ use armwatch_trajectory::prediction::{Conditioning, Prediction, predict};
 use armwatch_trajectory::programme::Programme;
 use armwatch_trajectory::recorded_rows::RecordingPlan;
 
-/// Probability that a test with the smallest change shows it.
+/// Probability that a test detects the smallest change.
 const DETECTION: f64 = 0.9;
 
-/// A motion that was found, with all that is said of it.
+/// A designed motion, with all data of the report.
 pub(super) struct DesignReport<'a> {
     pub robot: &'a Robot,
     pub base: &'a BaseParameters,
     pub programme: &'a Programme,
     pub conditions: &'a Conditioning,
     pub judged: &'a MotionCheck<'a>,
-    /// What a recording will tell, where the noise is known.
+    /// Predicted results of a recording, if the noise is known.
     pub prediction: Option<PredictedRecording<'a>>,
-    /// Growth of a joint's friction, a fraction, and a load, kg, whose chance to be seen is told.
+    /// Growth of a joint's friction, a fraction, and a load, kg; their probability of detection is reported.
     pub wear: f64,
     pub load_kg: f64,
     pub beside: Option<(&'a ProductionPrecision, &'a Precision)>,
 }
 
-/// What a recording of one period will tell.
+/// Predicted results of a recording of one period.
 pub(super) struct PredictedRecording<'a> {
     recording: &'a RecordingPlan,
     found: Prediction,
-    /// What a test may spend of the false alarms.
+    /// Share of the false alarms that a test may use.
     budget: Budget,
-    /// Standard deviations over those of the description's own excitation at equal time: smallest, median and largest.
+    /// Standard deviations relative to those of the description's own excitation at equal time: smallest, median and
+    /// largest.
     against_own: Option<[f64; 3]>,
 }
 
@@ -66,17 +67,17 @@ impl<'a> PredictedRecording<'a> {
         Ok(Self { recording, found, budget, against_own })
     }
 
-    /// Standard deviations beyond which a change is no chance, in either direction.
+    /// Change in standard deviations that is significant, in either direction.
     fn limit(&self) -> f64 {
         normal_quantile(1.0 - 0.5 * self.budget.alpha())
     }
 
-    /// Smallest change that one test shows with probability [`DETECTION`], in standard deviations.
+    /// Smallest change that one test detects with probability [`DETECTION`], in standard deviations.
     fn smallest(&self) -> f64 {
         self.limit() + normal_quantile(DETECTION)
     }
 
-    /// Probability that one test shows a change of so many standard deviations.
+    /// Probability that one test detects a change of this many standard deviations.
     fn chance(&self, change: f64) -> f64 {
         let limit = self.limit();
         normal_probability(change - limit) + normal_probability(-change - limit)
@@ -140,7 +141,7 @@ impl DesignReport<'_> {
         self.print_changes(predicted);
     }
 
-    /// What one period shows of the faults that are asked for.
+    /// Prints the detection of the selected faults with one period.
     fn print_changes(&self, predicted: &PredictedRecording<'_>) {
         let PredictedRecording { recording, found, budget, .. } = predicted;
         output::line("");
@@ -243,7 +244,7 @@ impl DesignReport<'_> {
     }
 }
 
-/// A probability in per cent, whose ends are no certainty.
+/// A probability in per cent, never rounded to 0 or 100.
 fn percent(probability: f64) -> String {
     match 100.0 * probability {
         of if of > 99.9 => "above 99.9 %".to_owned(),
@@ -252,7 +253,7 @@ fn percent(probability: f64) -> String {
     }
 }
 
-/// Without the digits that a product of decimals brings.
+/// Removes spurious digits of decimal products.
 fn round(value: f64) -> f64 {
     (1e9 * value).round() / 1e9
 }

@@ -1,4 +1,4 @@
-//! From options to what is searched.
+//! Converts options to settings of the search.
 
 use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
 use crate::cli::context::CliError;
@@ -17,13 +17,12 @@ use armwatch_trajectory::prediction::load_direction;
 use armwatch_trajectory::problem::SearchSettings;
 use armwatch_trajectory::recorded_rows::RecordingPlan;
 
-/// What stands for all parameters that a mass at the tool frame changes.
+/// Name for all parameters that a mass at the tool frame changes.
 const LOAD: &str = "load";
-/// What stands for all parameters that are worth their uncertainty.
+/// Name for all essential parameters.
 const ESSENTIAL: &str = "essential";
 
-/// How much nearer to a torque limit than allowed the search stays, since a motion that is found is not made smaller
-/// for torques.
+/// Factor on torque limits in the search, since a resulting motion is not made smaller for torques.
 const TORQUE_CLEARANCE: f64 = 0.999;
 
 impl DesignArgs {
@@ -66,12 +65,12 @@ impl DesignArgs {
             limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
             clearance: None,
             torque: self.torque_limits(robot, &nominal),
-            // the search counts in what the motion may reach
+            // the search counts relative to its own speed limit
             reached_speed: self.reached() / self.speed_share,
         })
     }
 
-    /// What standard deviations are compared with; infinite where they do not count.
+    /// Reference values of the standard deviations; infinite for parameters that do not count.
     pub(super) fn scales(
         &self,
         robot: &Robot,
@@ -124,7 +123,7 @@ impl DesignArgs {
         Ok(scales)
     }
 
-    /// Parameters that a period of the description's excitation, or of a random one, tells well enough.
+    /// Parameters that a period of the description's excitation, or of a random one, identifies well enough.
     fn essential(
         &self,
         robot: &Robot,
@@ -143,7 +142,7 @@ impl DesignArgs {
             .map_err(|error| CliError::Usage(error.to_string()))
     }
 
-    /// Limits of torques, where parameters and rated torques are known.
+    /// Limits of torques, if parameters and rated torques are known.
     pub(super) fn torque_limits(&self, robot: &Robot, nominal: &[Option<f64>]) -> Option<TorqueLimits> {
         let parameters: Option<Vec<f64>> = nominal.iter().copied().collect();
         let rated = rated_torques(robot);
@@ -160,7 +159,7 @@ impl DesignArgs {
         })
     }
 
-    /// Noise of each torque signal, where it is known.
+    /// Noise of each torque signal, if known.
     pub(super) fn noise(&self, robot: &Robot) -> Option<Vec<f64>> {
         let of_joint = |joint: &armwatch_model::robot::Joint| {
             let known = joint.nominal.as_ref().map(|nominal| nominal.torque_noise);
@@ -185,8 +184,8 @@ impl DesignArgs {
     }
 }
 
-/// What standard deviations are compared with: the nominal value, or the root mean square of those of the same unit if
-/// that is more; 1 where nothing is known.
+/// Reference values of the standard deviations: the nominal value, or the root mean square of those of the same unit if
+/// that is larger; 1 if nothing is known.
 pub(super) fn sizes(base: &BaseParameters, chosen: &[usize], nominal: &[Option<f64>]) -> Vec<f64> {
     let unit = |k: usize| base.kept[k].unit(JointKind::Revolute);
     let of = |&k: &usize| {

@@ -46,7 +46,7 @@ async fn arrival(store: &Database, run: i64, second: i64) {
         .await;
 }
 
-/// The tests as far as the first so many have arrived.
+/// The tests; the first `runs` of them have arrived.
 async fn arrived(store: &Database, runs: i64) {
     let still_away = format!(
         "UPDATE run SET status = CASE WHEN run_id <= {runs} THEN 'complete' ELSE 'streaming' END
@@ -192,7 +192,7 @@ async fn a_corrected_date_counts_and_can_be_taken_back() {
     }
     pipeline.conclude().await.expect("conclusions");
     assert_eq!(count(&store, "SELECT count(*) FROM run WHERE set_aside IS NOT NULL").await, 15);
-    // no test can show the load, which is an alarm of its own
+    // no test can show the load, which is a separate alarm
     assert_eq!((count(&store, ALARMS).await, count(&store, UNWATCHED).await), (0, 1));
     let named = texts(&store, NAMED).await;
     assert!(

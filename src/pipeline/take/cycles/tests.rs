@@ -65,7 +65,7 @@ fn cut(layout: &Layout, mut rows: RawSamples, chunk: usize) -> Vec<Cycle> {
     cycles
 }
 
-/// The cycles that the pushed rows end, and the fault behind them.
+/// The cycles that the pushed rows end, and the fault after them.
 fn all(cutter: &mut RowCutter) -> (Vec<Cycle>, Option<Rejection>) {
     let mut cycles = Vec::new();
     loop {
@@ -186,7 +186,7 @@ fn levels_cut_the_cycles_that_their_stages_cut_whatever_the_pieces() {
     let expected = cut(&numbers, recorded, staged.rows());
     assert_eq!(expected.len(), 3);
     let level = |(row, stage): (usize, &Stage)| {
-        // noise within the ranges and, apart from boundaries, a spike now and then
+        // noise within the ranges and, apart from boundaries, an occasional spike
         let inside = row >= 10 && staged.stage[row - 10] == *stage;
         let spike = if inside && row % 97 == 50 { 2.5 } else { 0.0 };
         2.5 * f64::from(*stage as u8) + spike + 0.4 * (row as f64).sin()

@@ -1,4 +1,4 @@
-//! Reading that goes on behind any cycle gives what reading through gives, however an export is written.
+//! Reading that continues after any cycle gives the same result as reading through, for every form of export.
 
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
@@ -66,10 +66,10 @@ fn rows() -> Vec<Row> {
     rows
 }
 
-/// A way to write a recording down.
+/// A way to write a recording.
 struct Writing {
     name: &'static str,
-    /// Sections of the layout that are not as in the native one.
+    /// Sections of the layout that differ from the native one.
     layout: Vec<(&'static str, &'static str)>,
     time: fn(usize) -> String,
     /// Cells of the stage, and the names of their columns.
@@ -250,7 +250,7 @@ fn writings() -> Vec<Writing> {
     ]
 }
 
-/// With a column of notes, empty but for one cell late in the file.
+/// Adds a column of notes that is empty except for one cell late in the file.
 fn noted(text: &str, note: &[u8]) -> Vec<u8> {
     let lines = text.lines().enumerate().map(|(line, row)| {
         let note = if line == 2700 { note } else { b"" };
@@ -260,7 +260,7 @@ fn noted(text: &str, note: &[u8]) -> Vec<u8> {
     lines.collect::<Vec<_>>().concat()
 }
 
-/// With letters at the start of the row `from_end` rows before the last.
+/// Puts letters at the start of the row that is `from_end` rows before the last.
 fn spoiled(text: &str, from_end: usize, letters: &str) -> Vec<u8> {
     let lines: Vec<&str> = text.lines().collect();
     let bad = lines.len() - from_end;
@@ -307,7 +307,7 @@ fn text(of: &Writing) -> String {
     text
 }
 
-/// Exports written in every way, each with what lets it in.
+/// Exports in every form, each with its admission.
 struct Exports {
     _folder: tempfile::TempDir,
     intakes: Vec<(&'static str, AdmittedExport)>,
@@ -346,7 +346,7 @@ fn made_with(layout: &Layout, robot: &Robot, limits: &WorkLimits) -> ContentHash
     settings_hash(layout, robot, limits, &AnalysisSettings::default())
 }
 
-/// Reads an export as the pipeline does.
+/// Reads an export like the pipeline.
 fn read(intake: &AdmittedExport, block_bytes: usize) -> (Vec<CutCycle>, ReadEnd) {
     let (sender, mut receiver) = mpsc::channel(1000);
     let options = ReadOptions { block_bytes };
@@ -362,8 +362,7 @@ fn only_cycles(cut: &[CutCycle]) -> Vec<&Cycle> {
     cut.iter().map(|cut| &cut.cycle).collect()
 }
 
-/// Reads one export through, and then from behind each of its cycles on; returns how many of them could be gone
-/// on from.
+/// Reads one export through, and then continues after each of its cycles; returns how many of them allowed that.
 fn assert_goes_on(name: &str, intake: &AdmittedExport, block_bytes: usize, other_bytes: usize) -> usize {
     let settings = intake.made_with;
     let (whole, end) = read(intake, block_bytes);
@@ -427,7 +426,7 @@ fn a_state_with_a_byte_changed_or_missing_or_of_other_settings_is_none() {
     others.iter().for_each(|other| assert_eq!(decoded(&state, other), None));
 }
 
-/// The transaction of a cycle must not grow by what nobody asks for.
+/// The transaction of a cycle must not grow by unneeded data.
 #[test]
 fn a_state_takes_less_than_a_kilobyte() {
     for (name, intake) in &EXPORTS.intakes {
@@ -437,7 +436,7 @@ fn a_state_takes_less_than_a_kilobyte() {
     }
 }
 
-/// A point that is sound, and of another file.
+/// A valid point, but of another file.
 #[test]
 fn a_file_that_does_not_have_the_place_is_another_one() {
     let (_, intake) = &EXPORTS.intakes[0];

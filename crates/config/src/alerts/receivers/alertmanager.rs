@@ -7,7 +7,7 @@ use super::ReceiverKind;
 use super::shared::{HttpLogin, Secret, read_http_login, read_path, read_seconds, read_timeout, read_url};
 use crate::toml::table::Table;
 
-/// A minute, as Prometheus does: an Alertmanager that restarts knows the open alarms after it.
+/// A minute, like Prometheus: an Alertmanager that restarts knows the open alarms again after this time.
 const DEFAULT_REFRESH_S: f64 = 60.0;
 
 /// An Alertmanager.
@@ -17,7 +17,7 @@ pub struct AlertmanagerSettings {
     pub url: String,
     /// Login to its HTTP server.
     pub login: HttpLogin,
-    /// Certificates, PEM, that are trusted in place of the system's.
+    /// Certificates, PEM, that are trusted instead of the system's.
     pub ca_file: Option<PathBuf>,
     /// Longest time for an answer.
     pub timeout: Duration,

@@ -12,7 +12,7 @@ use crate::toml::table::Table;
 pub struct CommandSettings {
     /// The program and its arguments; no shell.
     pub arguments: Vec<String>,
-    /// It is killed after this time.
+    /// Time after which it is killed.
     pub timeout: Duration,
 }
 

@@ -13,7 +13,7 @@ const SMTP: [(&str, Encryption, i64); 3] =
 pub struct EmailSettings {
     /// Mail server.
     pub server: ServerSettings,
-    /// Sender, as `armwatch <armwatch@example.org>`.
+    /// Sender, such as `armwatch <armwatch@example.org>`.
     pub from: String,
     /// Receivers.
     pub to: Vec<String>,
@@ -43,7 +43,7 @@ impl ReceiverKind for EmailSettings {
     }
 }
 
-/// An address with `@`, alone or between angle brackets; the mail library judges the rest.
+/// An address with `@`, alone or between angle brackets; the mail library checks the rest.
 fn mailbox(value: &Value<'_>) -> Option<String> {
     let text = value.text()?.trim();
     let address = text.split_once('<').map_or(text, |(_, rest)| rest.trim_end_matches('>'));

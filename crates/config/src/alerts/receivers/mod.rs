@@ -51,7 +51,7 @@ macro_rules! receivers {
                 }
             }
 
-            /// Name as in the configuration.
+            /// Name in the configuration.
             #[must_use]
             pub fn name(&self) -> &'static str {
                 match self {

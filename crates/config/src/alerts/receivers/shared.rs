@@ -1,4 +1,4 @@
-//! Values that several receivers have.
+//! Values shared by several receivers.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ impl HttpLogin {
     }
 }
 
-/// How a connection is encrypted.
+/// Encryption of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encryption {
     /// From the first byte on.
@@ -81,18 +81,19 @@ pub struct ServerSettings {
     pub host: String,
     /// Its port.
     pub port: u16,
-    /// How the connection is encrypted.
+    /// Encryption of the connection.
     pub encryption: Encryption,
     /// User and password, if the server requires them.
     pub login: Option<(String, Secret)>,
-    /// Trusted certificates, PEM: of a mail server in addition to the system's, of a broker in place of them.
+    /// Trusted certificates, PEM: for a mail server in addition to the system's, for a broker instead of them.
     pub ca_file: Option<PathBuf>,
     /// Longest time for a message.
     pub timeout: Duration,
 }
 
 impl ServerSettings {
-    /// Reads the keys that mail and MQTT share. `kinds` lists names, encryptions and usual ports; the first is the default.
+    /// Reads the keys that mail and MQTT share. `kinds` lists names, encryptions and usual ports; the first is the
+    /// default.
     pub(super) fn read(table: &Table<'_>, kinds: &[(&str, Encryption, i64)]) -> Option<Self> {
         let host = table.text("host");
         let kind = match table.optional("encryption") {

@@ -1,4 +1,4 @@
-//! `[alerts.route.webhook]`: an address that takes webhooks.
+//! `[alerts.route.webhook]`: an address that accepts webhooks.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use super::shared::{
 };
 use crate::toml::table::Table;
 
-/// An address that takes webhooks.
+/// An address that accepts webhooks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WebhookSettings {
     /// Its address, `http://` or `https://`.
@@ -18,7 +18,7 @@ pub struct WebhookSettings {
     pub signing_secret: Option<Secret>,
     /// Login to its HTTP server.
     pub login: HttpLogin,
-    /// Certificates, PEM, that are trusted in place of the system's.
+    /// Certificates, PEM, that are trusted instead of the system's.
     pub ca_file: Option<PathBuf>,
     /// Longest time for an answer.
     pub timeout: Duration,

@@ -1,75 +1,75 @@
-//! What a stage signal is: one file a kind, with the keys that it reads and all that follows from them.
+//! Interface of stage signals: one file per kind, with the keys that it reads and everything that depends on them.
 
 use crate::layout::column::Column;
 use armwatch_model::run::stage_rule::StageRule;
 use armwatch_model::run::{RunKind, Stage, StageReading};
 
-/// The stages in the order in which cells of every kind list them.
+/// The stages in the order of the cells of every kind.
 pub(crate) const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
 
-/// What a layout and the reading of its exports ask a stage signal.
+/// Interface of a stage signal for a layout and the reading of its exports.
 ///
-/// `place` is that of a column in [`StageKind::columns`].
+/// `place` is the index of a column in [`StageKind::columns`].
 pub trait StageKind {
-    /// The columns that it is read from.
+    /// The columns of the signal.
     fn columns(&self) -> Vec<&Column> {
         Vec::new()
     }
 
-    /// How rows get their stage once they are read.
+    /// Rule that gives rows their stage after reading.
     fn rule(&self) -> StageRule {
         StageRule::Recorded
     }
 
-    /// Whether the cells of its columns are words; else they are numbers.
+    /// True if the cells of its columns are words; otherwise they are numbers.
     fn has_words(&self) -> bool {
         false
     }
 
-    /// The number that stands for a word without blanks around it; `None` for a word that means nothing.
+    /// The number of a word without blanks around it; `None` for a word without a meaning.
     fn word_number(&self, _word: &str) -> Option<f64> {
         None
     }
 
-    /// What a word that means nothing should have been, as a clause about its value.
+    /// The valid words, as a clause about the value of an invalid one.
     fn words_wanted(&self) -> String {
         String::new()
     }
 
-    /// Why a finite number may not stand in its columns, as a clause about the value.
+    /// Why a finite number is invalid in its columns, as a clause about the value.
     fn refusal(&self, _value: f64) -> Option<String> {
         None
     }
 
-    /// Whether a cell that was read could be the beginning of another one that may stand there.
+    /// True if a cell could be the beginning of another valid one.
     fn may_continue(&self, _cell: &str) -> bool {
         true
     }
 
-    /// Whether no row may have more than one of its columns different from 0.
+    /// True if at most one of its columns may differ from 0 in each row.
     fn is_exclusive(&self) -> bool {
         false
     }
 
-    /// What its columns, `[columns][rows]`, say of the stages of `rows` rows; `None` if any number is refused.
+    /// The stages of `rows` rows from its columns, `[columns][rows]`; `None` if any number is refused.
     fn reading(&self, columns: Vec<Vec<f64>>, rows: usize) -> Option<StageReading>;
 
-    /// What is said of a cycle whose stages no signal of the controller tells.
+    /// Remark about a cycle whose stages come from no signal of the controller.
     fn remark(&self) -> Option<&'static str> {
         None
     }
 
-    /// Whether stages follow from positions.
+    /// True if stages follow from positions.
     fn needs_positions(&self) -> bool {
         false
     }
 
-    /// What its recordings are.
+    /// Kind of its recordings.
     fn run_kind(&self) -> RunKind {
         RunKind::Test
     }
 
-    /// What an export with all stages holds in each column; `None` if some stage has no cell.
+    /// Cells of each column for an export with all stages; `None` if some stage has no cell.
     fn cells(&self) -> Option<Vec<(&Column, StageCells)>> {
         Some(Vec::new())
     }

@@ -11,13 +11,13 @@ use armwatch_model::run::{Stage, StageReading};
 /// Levels of an analogue signal, in whatever unit it is recorded.
 const LEVEL: Limits = Limits::within(1e9, "");
 
-/// How far a level may leave its range.
+/// Margin for leaving the range of a level.
 const HYSTERESIS: Limits = Limits::between(0.0, 1e9, "");
 
-/// Rows of this time are held back.
+/// Debounce time: a changed level must last this long, so that rows wait.
 const DEBOUNCE: Limits = Limits::between(0.0, 10.0, "s");
 
-/// Debounce unless configured, s: longer than relays chatter, far shorter than a stage.
+/// Default debounce time, s: longer than relays chatter, far shorter than a stage.
 pub(super) const USUAL_DEBOUNCE_S: f64 = 0.05;
 
 /// An analogue signal.
@@ -30,7 +30,7 @@ pub struct StageLevels {
 }
 
 impl StageLevels {
-    /// Reads the column, the ranges and how they are to be left.
+    /// Reads the column, the ranges, and the conditions for leaving them.
     pub(super) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<Self> {
         let column = table.required("column").and_then(|value| names.take(&value));
         let hysteresis = table.number_or("hysteresis", &HYSTERESIS, 0.0);

@@ -10,7 +10,7 @@ use armwatch_model::run::{Stage, StageReading};
 const YES: [&str; 4] = ["1", "true", "on", "yes"];
 const NO: [&str; 4] = ["0", "false", "off", "no"];
 
-/// A column for each stage, in which 1 or a word for yes says that it goes on; no column: between stages.
+/// A column for each stage; 1 or a word for yes marks the stage. A row without a mark is between stages.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneHot {
     /// Stages with their columns.

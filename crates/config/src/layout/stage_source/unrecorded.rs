@@ -1,4 +1,4 @@
-//! Stages that no column says: from the motion, from a schedule, the same in the whole recording, or none.
+//! Stages without a column: from the motion, from a schedule, the same in the whole recording, or none.
 
 use super::kind::{STAGES, StageKind};
 use crate::toml::range::Limits;
@@ -15,11 +15,11 @@ const DURATION: Limits = Limits::above(0.0, 86_400.0, "s");
 /// Time before the first declared cycle.
 const START: Limits = Limits::between(0.0, 86_400.0, "s");
 
-/// Windows of production: long enough for the low-pass and a motion, short enough for memory: at 1 kHz
-/// ten minutes are 600,000 rows.
+/// Windows of production: long enough for the low-pass and a motion, short enough for memory: ten minutes at 1 kHz are
+/// 600,000 rows.
 const WINDOW: Limits = Limits::between(5.0, 600.0, "s");
 
-/// Window unless configured, s.
+/// Default window, s.
 pub(super) const USUAL_WINDOW_S: f64 = 60.0;
 
 /// Stages from the motion.

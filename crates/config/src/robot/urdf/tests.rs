@@ -19,8 +19,8 @@ use armwatch_testing::er3a;
 /// Poses and torques over six joints by other frames: a few hundred roundings.
 const ROUNDING: f64 = 1e-12;
 
-/// The same arm in standard DH: a and alpha move up a row, and each link's parameters move along its
-/// axis by `d`. The first row must have neither a nor alpha.
+/// The same arm in standard DH: a and alpha move to the previous row, and each link's parameters move along its axis by
+/// `d`. The first row must have neither a nor alpha.
 fn in_standard_dh(robot: &Robot) -> Robot {
     let rows: Vec<DhParameters> = robot.joints.iter().map(|j| j.geometry.dh_row().expect("a row")).collect();
     assert_eq!((rows[0].a, rows[0].alpha), (0.0, 0.0));
@@ -42,8 +42,7 @@ fn in_standard_dh(robot: &Robot) -> Robot {
     other
 }
 
-/// Where a link's URDF frame shall lie in the frame of its joint: any turn will do, so that axes are
-/// oblique.
+/// Pose of a link's URDF frame in the frame of its joint: arbitrary rotations, so that axes are oblique.
 fn urdf_frame(i: usize) -> Transform {
     let i = i as f64;
     Transform::from_xyz_rpy([0.05 * i, -0.1, 0.03 * i], [0.4 * i, 0.7 - 0.3 * i, 1.1])
@@ -75,16 +74,16 @@ fn inertial_tag(body: &StandardParameters) -> String {
     )
 }
 
-/// The arm as a URDF file with oblique axes. With `split`, each link is cut in two that a fixed joint
-/// holds together, and a further one hangs in between as an empty frame.
+/// The arm as a URDF file with oblique axes. With `split`, each link is cut in two parts that a fixed joint connects,
+/// with an empty frame in between.
 fn as_urdf(robot: &Robot, split: bool) -> String {
     let mut text = String::from("<robot name=\"arm\"><link name=\"l0\"/>");
-    // Frame of the link before in the frame of its joint.
+    // Frame of the previous link in the frame of its joint.
     let mut before = Transform::IDENTITY;
     let mut parent = "l0".to_owned();
     for (i, joint) in robot.joints.iter().enumerate() {
         let own = urdf_frame(i);
-        // The URDF joint frame must lie on the axis: the link's frame there is turned, not moved.
+        // The URDF joint frame must be on the axis: the link's frame there is turned, not moved.
         let turned = Transform { translation: Vector3::zeros(), ..own };
         let place = before.inverse().then(joint.geometry.placement()).then(&turned);
         let axis = turned.to_inner(&Vector3::z()) * 2.5;
@@ -359,7 +358,7 @@ fn a_description_adds_to_the_joints_of_a_urdf_file_by_name() {
     let [shoulder, elbow] = &robot.joints[..] else { panic!("two joints") };
     assert_eq!((shoulder.name.as_deref(), elbow.name.as_deref()), (Some("shoulder"), Some("elbow")));
     assert_eq!((shoulder.gear_ratio, elbow.gear_ratio, robot.transmission[(1, 1)]), (1.0, -80.0, -80.0));
-    // From rest to 3 rad/s in half a second, where the file says nothing.
+    // From rest to 3 rad/s in half a second, because the file gives no acceleration.
     assert_eq!((shoulder.limits.acceleration, elbow.limits.acceleration), (6.0, 10.0));
     let nominal = shoulder.nominal.expect("nominal");
     assert_eq!((nominal.friction, nominal.motor_inertia), ([2.0, 4.0, 0.0, 0.0], 0.0));
@@ -368,7 +367,7 @@ fn a_description_adds_to_the_joints_of_a_urdf_file_by_name() {
     let flange = forward_kinematics(&robot, &[0.0, 0.0]);
     assert!((flange.translation - Vector3::new(0.7, 0.0, 0.3)).norm() < ROUNDING);
     assert!((flange.rotation - Matrix3::identity()).norm() < ROUNDING);
-    // A positive turn about y lowers what points along x.
+    // A positive turn about y lowers a point on the x axis.
     let lowered = forward_kinematics(&robot, &[FRAC_PI_2, 0.0]).translation;
     assert!((lowered - Vector3::new(0.0, 0.0, 0.3 - 0.7)).norm() < ROUNDING, "{lowered}");
 }

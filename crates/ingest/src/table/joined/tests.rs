@@ -15,7 +15,7 @@ fn layout(parts: &str) -> Layout {
     parse_layout("a.toml", &format!("{NATIVE}\n[parts]\n{parts}")).expect("a layout")
 }
 
-/// The rows of what lies at `path`; its hash is that of the files.
+/// The rows of the recording at `path`; checks that its hash is that of the files.
 fn rows(path: &Path, layout: &Layout) -> Result<RawSamples, Rejection> {
     let (mut export, hash) =
         ExportReader::open(path, layout, &er3a(), ReadOptions { block_bytes: 4000 }, MOST)?;
@@ -118,7 +118,7 @@ fn a_recording_begins_with_the_bytes_that_it_had_before_the_next_part_came() {
     assert_eq!(fingerprint(&all).unwrap(), (hash, bytes));
     fs::write(case.path("a_1.csv"), &text[cut..]).unwrap();
     assert_eq!(prefix(&all, bytes).unwrap().map(|of| of.hash), Some(hash));
-    // what was read when a cycle was stored in the middle of a part
+    // state at the storing of a cycle in the middle of a part
     let (export, running) = ExportReader::open(
         &all,
         &layout("match = \"after\""),

@@ -1,4 +1,4 @@
-//! Files that were cut while they were written, so that rows go on without their header.
+//! Files that were cut while they were written, so that rows continue without their header.
 
 use std::io::Read;
 use std::path::Path;
@@ -13,12 +13,12 @@ use armwatch_config::Layout;
 use armwatch_model::robot::Robot;
 
 impl<R: Read> ExportReader<R> {
-    /// As [`ExportReader::of_growing`], of a file without a header whose rows go on as those of an earlier file under `header`:
-    /// a tool has copied that file and cut it while it was written. The first line is passed over, since the cut may have left
-    /// a part of it. `None` as long as there is no second one.
+    /// Like [`ExportReader::of_growing`], for a file without a header whose rows continue those of an earlier file with
+    /// the header `header`: a tool has copied that file and cut it while it was written. The first line is skipped,
+    /// since the cut may have left only a part of it. `None` as long as there is no second one.
     ///
     /// # Errors
-    /// As [`ExportReader::new`], and if the first lines are no rows under that header.
+    /// Those of [`ExportReader::new`], and a rejection if the first lines are not rows under that header.
     pub fn going_on(
         reader: R,
         header: &str,
@@ -49,7 +49,7 @@ impl<R: Read> ExportReader<R> {
 /// Fields of a line.
 struct Fields {
     count: usize,
-    /// Those that are numbers.
+    /// Number of numeric fields.
     numbers: usize,
 }
 
@@ -60,12 +60,12 @@ fn fields_of(text: &str, layout: &Layout) -> Fields {
 }
 
 impl Fields {
-    /// True for a row of these columns.
+    /// Returns true for a row of these columns.
     fn is_row(&self, columns: &Self) -> bool {
         self.count == columns.count && 2 * self.numbers > self.count
     }
 
-    /// True for the end of such a row.
+    /// Returns true for the end of such a row.
     fn may_be_cut(&self, columns: &Self) -> bool {
         self.count <= columns.count && self.numbers > 0
     }

@@ -1,4 +1,4 @@
-//! Rows and times that are understood although they are not as they should be.
+//! Rows and times that are understood despite deviations.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ fn numbers(to_si: f64) -> Layout {
     Layout { time: TimeSource::Column(column), ..native() }
 }
 
-/// The rows of an export and what was mended in it.
+/// The rows of an export and its repairs.
 fn read(text: &[u8], layout: &Layout, block_bytes: usize) -> Result<(RawSamples, Mended), Rejection> {
     let mut reader =
         ExportReader::new(text, Path::new("a.csv"), layout, &er3a(), with_blocks_of(block_bytes))?;
@@ -41,7 +41,7 @@ fn read(text: &[u8], layout: &Layout, block_bytes: usize) -> Result<(RawSamples,
     }
 }
 
-/// A recording whose times are written otherwise, from its row and time in ms.
+/// A recording with differently written times, from its row and time in ms.
 fn with_times(rows: usize, write: impl Fn(usize, u64) -> String) -> (RawSamples, String) {
     let (samples, text) = made_recording(rows);
     let mut lines = text.lines();
@@ -82,7 +82,7 @@ fn recordings_in_one_file_follow_one_another() {
     for block_bytes in BLOCKS {
         for (text, cycles) in [
             (&without_counter, (0..300).map(|row| 1 + recording(row) as u32).collect::<Vec<u32>>()),
-            // the counter goes on inside of a cycle
+            // the counter continues within a cycle
             (&text, (0..300).map(|row| 1 + (row / 12 + recording(row)) as u32).collect()),
         ] {
             let (rows, mended) = read(text.as_bytes(), &layout, block_bytes).expect("three recordings");
@@ -94,7 +94,7 @@ fn recordings_in_one_file_follow_one_another() {
     }
     let rejection = read(text.as_bytes(), &numbers(1e-3), 1 << 20).expect_err("time falls");
     assert!(rejection.remedy.contains("restarts = true"), "{rejection}");
-    // a bad row is named as in any other export
+    // a bad row is reported as in any other export
     let bad = text.replacen("\n5", "\nx", 1);
     assert_eq!(read(bad.as_bytes(), &layout, 1 << 20).expect_err("a word").line, Some(2));
 }
@@ -209,7 +209,7 @@ fn reading_goes_on_behind_a_change_of_clocks() {
         ExportReader::new(text.as_bytes(), Path::new("a.csv"), &layout, &er3a(), with_blocks_of(500))
             .expect("an export")
     };
-    // the first rows say what times count from
+    // the first rows give the origin of times
     for chunk in reader().skip(1) {
         let chunk = chunk.expect("rows");
         let mut behind = reader();
@@ -330,7 +330,7 @@ fn cells_of_slower_channels_are_named_with_their_rates() {
     assert_eq!((refused.line, refused.column.as_deref()), (Some(3), Some("trq_1")));
     assert!(said.contains("a value in 30 of 60 rows (about 250.0 Hz of 500.0 Hz)"), "{said}");
     assert!(said.contains("at the rate of the slowest one; or set skip_bad = 100000"), "{said}");
-    // with a rule, these cells are not numbers, and others are as they were
+    // with a rule, these cells are NaN, and others are unchanged
     let mut layout = native();
     layout.slower.torque = Some(armwatch_model::run::slower::Slower::Hold);
     let found = read((sparse.join("\n") + "\n").as_bytes(), &layout, 1 << 20).expect("rows").0;

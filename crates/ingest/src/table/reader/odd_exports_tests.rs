@@ -1,4 +1,4 @@
-//! One fixture file for each oddity, and what is said of it.
+//! One fixture file for each oddity, and its message.
 
 use super::{ExportReader, ReadOptions};
 use crate::bytes::source::open;
@@ -209,7 +209,7 @@ fn cut_files() {
     assert_message("nul_in_line.csv", ", line 4: NUL bytes: a hole left by a crash or an unfinished copy;");
 }
 
-/// The last number of the file is 16.00 and could as well be the beginning of 16.004.
+/// The last number of the file is 16.00 and could be the beginning of 16.004.
 #[test]
 fn a_row_that_may_be_cut_in_its_last_number_is_left_out() {
     let mut whole = native();
@@ -334,7 +334,7 @@ fn the_byte_of_a_bad_line_is_that_of_the_file_whatever_its_encoding() {
     assert_eq!((rejection.line, rejection.byte), (Some(5), Some(start + 2)));
 }
 
-/// A cut stream gives all whole lines before the cut, whatever the blocks.
+/// A cut stream returns all whole lines before the cut, for any blocks.
 #[test]
 fn rows_before_the_cut_of_a_compressed_stream_are_kept() {
     let text = std::fs::read_to_string(fixture("native.csv")).unwrap();

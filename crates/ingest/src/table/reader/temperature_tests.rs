@@ -1,4 +1,4 @@
-//! Temperatures beside the other channels: slow, with gaps, and never a reason to refuse an export.
+//! Temperatures next to the other channels: slow, with gaps, and never a reason to refuse an export.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -10,7 +10,7 @@ use armwatch_model::run::RawSamples;
 use armwatch_model::run::temperature::{TemperatureTrack, Temperatures, ZERO_CELSIUS};
 use armwatch_testing::er3a;
 
-/// An export of `rows` rows whose temperatures stand as `cell` writes them: motors of joints 2 and 4, the hall.
+/// An export of `rows` rows with temperatures in cells from `cell`: motors of joints 2 and 4, ambient.
 fn export(rows: usize, cell: impl Fn(usize, usize) -> String) -> (RawSamples, String) {
     let (samples, text) = made_recording(rows);
     let mut lines = text.lines();
@@ -91,7 +91,7 @@ fn whatever_stands_in_a_cell_of_a_temperature_both_readers_take_it_for_the_same(
     let (_, text) = export(cells.len(), |row, of| cells[(row + of) % cells.len()].into());
     let layout = native();
     let fast = read(&text, &layout, 1 << 20);
-    // quotes about a number lead through the exact reader
+    // quotes around a number require the exact reader
     let quoted = text.lines().enumerate().map(|(line, row)| match line {
         0 => format!("{row}\n"),
         _ => {

@@ -151,7 +151,7 @@ fn times_are_counted_from_the_first_row_to_the_last_digit() {
     }
 }
 
-/// Of a clock in whole nanoseconds from 1970, which doubles do not hold.
+/// A clock in whole nanoseconds from 1970, which doubles do not represent exactly.
 #[test]
 fn a_clock_in_nanoseconds_is_counted_from_the_first_row() {
     let (samples, text) = made_recording(50);
@@ -251,7 +251,7 @@ proptest! {
     }
 }
 
-/// A file that grows: gives what is written up to the next cut, then pauses once.
+/// A growing file: returns the written bytes up to the next cut, then pauses once.
 struct Slow<'b> {
     bytes: &'b [u8],
     given: usize,
@@ -325,7 +325,7 @@ fn packed(bytes: &[u8], kind: usize, cut: usize) -> Vec<u8> {
     }
 }
 
-/// A recording with a column beside it that is not ASCII, so that encodings differ.
+/// A recording with an additional column that is not ASCII, so that encodings differ.
 fn accented(rows: usize, comma: bool) -> (RawSamples, String, Layout) {
     let (samples, text) = made_recording(rows);
     let noted = |(at, line): (usize, &str)| match at {
@@ -395,7 +395,7 @@ fn with_bad_rows(rows: usize, places: &[usize]) -> (RawSamples, String) {
             3 => with(14, "1e300"),
             4 => format!("{},1,2,3", lines[row + 1]),
             5 => String::new(),
-            // an earlier time, and a cell that is no number
+            // an earlier time, and a cell that is not a number
             _ => with(8, "#REF!").replacen(cells[0], "0", 1),
         };
     }
@@ -423,7 +423,7 @@ proptest! {
         pieces in proptest::collection::vec(1_usize..700, 0..40),
         block_bytes in 1_usize..5000,
     ) {
-        // the last row is whole: a bad one there would be left out and not counted
+        // the last row is whole: a bad one there would be omitted and not counted
         let places: Vec<usize> = places.into_iter().filter(|row| *row < 39).collect();
         let (kept, text) = with_bad_rows(40, &places);
         let layout = skipping(places.len() as u64);

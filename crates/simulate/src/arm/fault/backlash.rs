@@ -1,5 +1,5 @@
-//! Play in a gear: where the torque that it carries changes its sign, the driven side is free until it meets the other
-//! flank, and meets it with a blow.
+//! Backlash in a gear: if the torque that it carries changes its sign, the driven side is free until it hits the other
+//! flank.
 
 use std::f64::consts::TAU;
 
@@ -14,21 +14,21 @@ const DAMPING: f64 = 0.08;
 /// Longest step of the free motion, s.
 const STEP_S: f64 = 1e-3;
 
-/// A gear with play, from row to row.
+/// A gear with backlash, from row to row.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LooseGear {
     /// Time of the row before, s.
     time: Option<f64>,
     /// Sign of the torque that the touching flank carries.
     flank: f64,
-    /// While no flank touches: way from the flank that carried last, rad (m), and its rate.
+    /// While no flank touches: distance from the last touching flank, rad (m), and its rate.
     free: Option<[f64; 2]>,
-    /// The latest blow: when, s, and how large its oscillation began, Nm (N).
+    /// The latest impact: its time, s, and the initial size of its oscillation, Nm (N).
     blow: Option<[f64; 2]>,
 }
 
 impl LooseGear {
-    /// Takes the motion at `time`, s, and returns what the motor's torque is more than without play, Nm (N).
+    /// Takes the motion at `time`, s, and returns the additional torque of the motor compared with no backlash, Nm (N).
     pub(super) fn step(
         &mut self,
         chain: &RigidChain,
@@ -57,7 +57,7 @@ impl LooseGear {
     fn fall(&mut self, carried: f64, inertia: f64, play: f64, passed: f64, time: f64) {
         let steps = (passed / STEP_S).ceil().max(1.0);
         let dt = passed / steps;
-        // a torque against the flank that carried last drives away from it
+        // a torque against the last touching flank drives away from it
         let acceleration = -carried * self.flank / inertia;
         for _ in 0..steps as u32 {
             let Some([way, rate]) = self.free else { return };
@@ -87,7 +87,7 @@ fn driven_torque(chain: &RigidChain, state: &MotionState, joint: JointIndex) -> 
     joint_torque(chain, state)[j] - chain.motor_inertia(joint) * state.acceleration[j]
 }
 
-/// Inertia of the links at a joint, where all others stand.
+/// Inertia of the links at a joint, with all others at rest.
 fn driven_inertia(chain: &RigidChain, state: &MotionState, joint: JointIndex) -> f64 {
     let still = MotionState::at_rest(state.position);
     let mut speeding = still;
@@ -103,7 +103,8 @@ mod tests {
     use crate::arm::dynamics::rigid_chain;
     use crate::test_arms::er3a;
 
-    /// What play adds over time to joint 1, which carries no gravity: its load changes sides as it is accelerated to and fro.
+    /// Additional torque over time by backlash of joint 1, which carries no gravity: its load changes sides as it
+    /// accelerates back and forth.
     fn added(play: f64, amplitude: f64) -> Vec<(f64, f64, f64)> {
         let chain = rigid_chain(&er3a()).unwrap();
         let joint = JointIndex::new(0);
@@ -151,7 +152,7 @@ mod tests {
             }
         }
         assert!(inertia > 0.0);
-        // way = a t^2 / 2, whatever the inertia, where nothing but inertia carries
+        // travel = a t^2 / 2, for any inertia, if the gear carries only inertia
         let expected = (2.0 * play / amplitude).sqrt();
         assert!((f64::from(free) * dt / expected - 1.0).abs() < 0.05, "{free} {expected}");
     }

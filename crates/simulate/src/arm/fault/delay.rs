@@ -1,17 +1,17 @@
-//! A signal that is late.
+//! A delayed signal.
 
 use std::collections::VecDeque;
 
 /// The latest values of a signal.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LateSignal {
-    /// Times, s, and values, the oldest first; the first is at or before the time that is asked for, if one is.
+    /// Times, s, and values, the oldest first; the first is at or before the requested time, if there is one.
     values: VecDeque<(f64, f64)>,
 }
 
 impl LateSignal {
-    /// Takes the value at `time`, s, which rises, and returns that of `delay` s before: on the line between two values,
-    /// and the first one before there are any.
+    /// Takes the value at `time`, s, which increases, and returns that of `delay` s before: interpolated between two
+    /// values, or the first value if there are no earlier ones.
     pub(super) fn push(&mut self, time: f64, value: f64, delay: f64) -> f64 {
         self.values.push_back((time, value));
         let wanted = time - delay;

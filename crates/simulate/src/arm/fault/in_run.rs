@@ -1,4 +1,4 @@
-//! What the faults of one run do to its cycles and its signals.
+//! Effects of the faults of one run on its cycles and its signals.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,13 +11,13 @@ use crate::arm::dynamics::RigidChain;
 use crate::plan::motion::{MotionState, PerJoint};
 use armwatch_model::robot::MAX_JOINTS;
 
-/// Stream of what is drawn for cycles; far from those of channels, so that a fault changes no noise.
+/// Stream of random values of cycles; far from those of channels, so that a fault changes no noise.
 const CYCLE_STREAM: u64 = 1 << 41;
 
-/// What the faults of one run do to its cycles and its signals.
+/// Effects of the faults of one run on its cycles and its signals.
 #[derive(Debug, Clone)]
 pub struct RunFaults {
-    /// Those of the run.
+    /// Faults of the run.
     faults: Vec<Fault>,
     run: u32,
     rng: ChaCha8Rng,
@@ -26,13 +26,13 @@ pub struct RunFaults {
     cycle: u32,
     /// Torque signals of the run's first row, Nm.
     first_torque: Option<PerJoint>,
-    /// By fault: signals that are late, and gears with play.
+    /// By fault: delayed signals, and gears with backlash.
     late: Vec<LateSignal>,
     gears: Vec<LooseGear>,
 }
 
 impl RunFaults {
-    /// Those of run `run`; `seed` and `stream` choose what is drawn for the cycles.
+    /// Faults of run `run`; `seed` and `stream` select the random values of the cycles.
     #[must_use]
     pub fn new(faults: &[Fault], run: u32, seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -73,7 +73,7 @@ impl RunFaults {
         &self.friction
     }
 
-    /// How many times larger the noise of a joint's torque signal is.
+    /// Factor of the noise of a joint's torque signal.
     pub(crate) fn noise(&self, joint: usize) -> f64 {
         let of = |fault: &Fault| match fault.kind {
             FaultKind::Noise { factor } if fault.is_of(joint) => Some(factor),
@@ -82,7 +82,7 @@ impl RunFaults {
         self.faults.iter().filter_map(of).product()
     }
 
-    /// Torque from outside at each joint at `share` of the cycle, 0 to 1, Nm.
+    /// External torque at each joint at `share` of the cycle, 0 to 1, Nm.
     pub(crate) fn push(&self, share: f64, torque: &mut PerJoint) {
         for fault in &self.faults {
             if let FaultKind::Contact { torque: outside, cycle } = fault.kind
@@ -98,7 +98,7 @@ impl RunFaults {
         }
     }
 
-    /// Changes the torques of gears that have play; `time` in s since the start of the run rises from row to row.
+    /// Changes the torques of gears with backlash; `time` in s since the start of the run increases from row to row.
     pub(crate) fn loosen(
         &mut self,
         chain: &RigidChain,
@@ -113,7 +113,7 @@ impl RunFaults {
         }
     }
 
-    /// Changes the signals of the row at `time`, s, as its sensors do.
+    /// Applies sensor faults to the signals of the row at `time`, s.
     pub(crate) fn distort(&mut self, time: f64, position: &mut PerJoint, torque: &mut PerJoint) {
         let first = *self.first_torque.get_or_insert(*torque);
         for (fault, late) in self.faults.iter().zip(&mut self.late) {

@@ -1,4 +1,4 @@
-//! Faults as people write them, such as `wear:joint=3,from=5,rate=0.03`.
+//! Faults in the notation of the command line, such as `wear:joint=3,from=5,rate=0.03`.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -27,7 +27,7 @@ impl FaultKind {
         }
     }
 
-    /// Keys and values as they are written.
+    /// Keys and values in this notation.
     fn keys(self) -> Vec<(&'static str, String)> {
         let one = |key, value: f64| vec![(key, value.to_string())];
         match self {
