@@ -97,7 +97,7 @@ pub(super) struct Limits {
     pub(super) warning: f64,
     /// Change that is critical.
     pub(super) critical: f64,
-    /// Least change in its standard deviations, so that it is not chance.
+    /// Largest change by chance, in its standard deviations.
     pub(super) sigma: f64,
 }
 

@@ -2,10 +2,8 @@
 //!
 //! | phase | evidence | limit | mean number of values between false alarms |
 //! |---|---|---|---|
-//! | no history | ranks | without a distribution | at least the set one, if all orders of the values are equally likely
-//! |
-//! | short | whitened scores | without the overshoot | at least the set one, if the values follow the model of
-//! [`super::whitening`] |
+//! | no history | ranks | without a distribution | at least the set one, if all orders are equally likely |
+//! | short | whitened scores | without the overshoot | at least the set one, if values follow [`super::whitening`] |
 //! | own | whitened scores | with the overshoot | the set one with normal values; more with heavy tails |
 
 use std::collections::VecDeque;

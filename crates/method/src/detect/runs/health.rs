@@ -137,7 +137,7 @@ fn taken_for_temperature(history: &[RunSummary], series: &JointSeries<'_>) -> Op
     })
 }
 
-/// Checks that a test without a friction stage does not make.
+/// The reason for the missing checks of a test without a friction stage.
 fn not_watched(latest: &Observed) -> Option<String> {
     (latest.source == Source::Excitation).then(|| {
         "the latest test has no friction stage: jumps of friction inside a test, friction that varies from cycle to cycle and \

@@ -156,9 +156,9 @@ impl WarmUpJump {
     }
 }
 
-/// The jump of tests at the one at `begin`: logarithm of the factor, and its standard error by the scatter of the tests
-/// about the two levels. The place is given and not fitted. `None` with fewer than [`FEWEST`] tests before it or none
-/// from it on.
+/// The jump of tests with the one at `begin`: logarithm of the factor, and its standard error by the scatter of the
+/// tests about the two levels. The place is given and not fitted. `None` with fewer than [`FEWEST`] tests before it or
+/// none from it on.
 pub(in crate::detect::runs) fn jump_at(tests: &[Estimate], begin: usize) -> Option<Estimate> {
     let first = begin.saturating_sub(WINDOW);
     let (tests, begin) = (&tests[first..], begin - first);

@@ -1,35 +1,35 @@
-//! Runs of a joint with friction away from its baseline, and the shape of the change: a drift or a step.
+//! Which runs of a joint have friction away from its baseline, and whether it drifted there or stepped.
 //!
-//! The control chart ([`super::friction_drift`]) determines which runs are out. The shape is fitted to the runs about
-//! the beginning: a level that jumps, `s` from run `k` on, or a ramp, `c (i - k + 1)`. Both have one size, so the
-//! smaller sum of squares decides, with a prior for the rate of a ramp.
+//! Which runs are out is the affair of the control chart ([`super::friction_drift`]). The shape is that of the runs about
+//! the beginning: a level that jumps, `s` from run `k` on, or a ramp, `c (i - k + 1)`. Both have one size, so the smaller
+//! sum of squares decides, with a prior for the rate of a ramp.
 
 use crate::detect::runs::curve::hypothesis::Cause;
 use crate::detect::runs::curve::run_cause::RunCause;
 use crate::detect::runs::history::friction_history::{FrictionHistory, Observed};
 
-/// Most runs between a jump and the first run that is out: an average is late.
+/// Runs before the first that is out, in which a jump may have come: an average is late.
 const RUNS_BEFORE: usize = 6;
-/// Most runs between the beginning of a ramp and the first run that is out: slow wear takes weeks to its limit.
+/// Runs before the first that is out, in which a ramp may have begun: slow wear takes weeks to its limit.
 const RUNS_OF_RAMP: usize = 60;
-/// Runs after the beginning that distinguish a ramp from a jump. Later ones show later changes.
+/// Runs after the beginning that tell a ramp from a jump. Later ones say what happened later.
 const RUNS_AFTER: usize = 8;
-/// Usual largest rate of wear, as a fraction of friction per run.
+/// Usual largest rate of wear, as a fraction of friction a run.
 const USUAL_RATE: f64 = 0.06;
-/// Penalty of a jump compared with a ramp, in units of chi²: friction wears more often than it jumps.
+/// By how much less than a ramp a jump must leave, in units of chi²: friction wears more often than it jumps.
 const JUMP_PRICE: f64 = 4.0;
 
-/// Course of a change of friction.
+/// How friction came to where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Shape {
     /// Slowly, from this run on.
     Drift { run: usize },
-    /// At once, in this run and with this cycle, if a cycle is known; by the fraction `size`.
+    /// At once, in this run and with this cycle, where a cycle is known; by this fraction.
     Step { run: usize, cycle: Option<u32>, size: f64 },
 }
 
-/// The shape of an episode: of runs that are out from `first` to `last`, as places in the history. `change` is the
-/// smoothed change of the first of them; the shape has the same sign.
+/// The shape of an episode: of runs that are out from `first` to `last`, as places in the history. `change` is the smoothed change
+/// of the first of them: what came to it is of its sign.
 pub(super) fn shape(
     friction: &FrictionHistory,
     causes: &[Option<RunCause>],
@@ -53,7 +53,7 @@ pub(super) fn shape(
         .filter(|of| of.run + RUNS_OF_RAMP >= first && of.run <= last && of.run < first + RUNS_AFTER)
         .filter(|of| friction.has_changed_at_first || !friction.is_learnt_from(of))
         .collect();
-    // if friction changed in the tests of the baseline, its level is that of the first of them
+    // where friction changed in the tests of the baseline, its level is that of the first of them
     let level = compared.first().filter(|_| friction.has_changed_at_first).map_or(1.0, |of| of.ratio);
     let Some(out) = compared.iter().position(|of| of.run >= first) else {
         return Shape::Drift { run: first };

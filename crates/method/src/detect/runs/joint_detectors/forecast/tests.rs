@@ -1,4 +1,4 @@
-//! Forecasts of simulated wear. The fates are drawn by formulas of wear over use, not by the model of the forecast.
+//! Forecasts of simulated wear. The random fates follow formulas of wear over use, not the model of the forecast.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
