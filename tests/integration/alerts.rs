@@ -1,4 +1,4 @@
-//! `armwatch alerts` and the life of an alarm, as people and two programs at once meet it.
+//! `armwatch alerts` and the states of an alarm, for users and for two programs at once.
 
 use std::fs;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::support::{Workshop, text};
 
-/// Tests of one arm of which joint 3 wears from the fifth test on.
+/// Tests of one arm whose joint 3 wears from the fifth test on.
 fn wearing(workshop: &Workshop, runs: &str) -> Vec<PathBuf> {
     let fault = ["--fault", "wear:joint=3,from=5,rate=0.08"];
     let shape = ["--runs", runs, "--cycles", "2", "--name", "R01", "--seed", "11"];
@@ -25,14 +25,14 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
-/// Standard error of a command that is refused for what was typed.
+/// Standard error of a command that is refused because of its arguments.
 fn refused(workshop: &Workshop, arguments: &[&str]) -> String {
     let output = workshop.run(arguments);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stdout));
     text(&output.stderr)
 }
 
-/// What happened to the anomaly of joint 3, in order.
+/// History of the anomaly of joint 3, in order.
 fn history(workshop: &Workshop, id: &str) -> Vec<String> {
     let query = "SELECT what FROM anomaly_history WHERE anomaly_id = ";
     workshop.query(&format!("{query}{id} ORDER BY anomaly_event_id"))

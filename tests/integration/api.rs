@@ -1,5 +1,5 @@
-//! What a daemon tells and takes over HTTP beside exports: the dashboard, rows of the views, events, actions, and the
-//! description of all this.
+//! HTTP interface of the daemon except for exports: the dashboard, rows of the views, events, actions, and its
+//! description.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -26,7 +26,7 @@ impl Served {
         Self::with(token, "")
     }
 
-    /// With more in `[serve]`.
+    /// With additional settings in `[serve]`.
     pub(crate) fn with(token: bool, more: &str) -> Self {
         let workshop = small::workshop();
         let port = http::free_port();
@@ -79,7 +79,7 @@ fn rows_of_the_views_are_those_of_the_database() {
     let stored = served.workshop.query(
         "SELECT value FROM cycle_parameters WHERE run_id = 1 AND cycle = 2 AND parameter = 'f1' ORDER BY joint DESC",
     );
-    // with every digit, in the order that was asked for
+    // with all digits, in the requested order
     let places: Vec<Option<usize>> =
         stored.iter().map(|value| rows.body.find(&format!("\"value\":{value}}}"))).collect();
     assert!(!places.is_empty() && places.iter().all(Option::is_some) && places.is_sorted(), "{}", rows.body);
@@ -287,7 +287,7 @@ fn an_alarm_has_comments_a_person_and_a_window() {
 #[test]
 fn an_alarm_is_answered_and_its_history_says_who_did_it() {
     let served = Served::new(true);
-    // as conclusions write one
+    // written like by a conclusion
     small_alarm(&served.workshop);
     let answered =
         served.post("/v1/anomalies/1/acknowledge", &json!({"who": "Lena", "why": "spare part ordered"}));
@@ -343,7 +343,7 @@ fn work_puts_the_alarms_of_its_joint_into_maintenance_and_says_who_entered_it() 
     small_anomaly(&served.workshop, 2, "warning");
     let work = json!({"who": "Lena", "what": "gearbox changed", "joint": 1});
     assert_eq!(served.post("/v1/robots/A/maintenance", &work).status, 201);
-    // the daemon may have judged the robot again by now, and what was only written by hand is withdrawn then
+    // the robot may have been evaluated again by now, which withdraws an anomaly that was only inserted by the test
     let history = served.get("/v1/views/anomaly_history?what=maintenance").json();
     let rows = history["rows"].as_array().expect("rows");
     let told = |row: &Value| [&row["anomaly_id"], &row["who"], &row["why"]].map(Value::to_string).join(" ");
@@ -355,7 +355,7 @@ pub(crate) fn small_alarm(workshop: &Workshop) {
     small_anomaly(workshop, 1, "warning");
 }
 
-/// As conclusions write one.
+/// Inserts an anomaly like a conclusion does.
 fn small_anomaly(workshop: &Workshop, joint: u8, severity: &str) {
     use sqlx::Connection;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
@@ -380,17 +380,17 @@ fn a_page_hears_of_a_change_and_the_stream_ends_with_the_daemon() {
     stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a timeout");
     stream.write_all(b"GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
     let mut lines = BufReader::new(stream).lines();
-    // a stream that says only that it lives would be listened to for ever
+    // a stream with only heartbeats would never end the loop
     let limit = Instant::now() + Duration::from_secs(120);
     let mut heard = |wanted: &str| {
         let until = |_: &String| Instant::now() < limit;
         lines.by_ref().map_while(Result::ok).take_while(until).any(|line| line.contains(wanted))
     };
     assert!(heard("text/event-stream"));
-    // proxies pass each event on, and a page knows at once that they do
+    // proxies pass each event on, and a page can see that at once
     assert!(heard("x-accel-buffering: no"));
     assert!(heard("event: alive"));
-    // the first look only learns where the database stands
+    // the first poll only reads the present state of the database
     std::thread::scope(|scope| {
         scope.spawn(|| {
             for day in 6..20 {
@@ -438,7 +438,7 @@ fn figures_for_prometheus_are_those_of_the_views_and_promtool_has_nothing_to_say
             return;
         };
         let mut stdin = child.stdin.take().expect("its input");
-        // it may have ended without reading
+        // promtool may have ended without reading
         let _ = stdin.write_all(metrics.body.as_bytes());
         drop(stdin);
         let output = child.wait_with_output().expect("an end");

@@ -1,4 +1,4 @@
-//! Whether answers of the API are as its description says.
+//! Checks that answers of the API match its description.
 
 use std::fs;
 
@@ -9,11 +9,11 @@ use crate::api::{Served, TOKEN, small_alarm};
 use crate::http::Answer;
 use crate::small::export;
 
-/// The description of the API, and what it says of one answer.
+/// The description of the API, for checks of answers.
 struct Description(Value);
 
 impl Description {
-    /// Panics unless an answer is as described.
+    /// Panics unless an answer matches the description.
     fn check(&self, line: &str, template: &str, answer: &Answer) {
         let method = line.split(' ').next().expect("a method").to_lowercase();
         let operation = &self.0["paths"][template][&method];
@@ -40,12 +40,12 @@ impl Description {
     }
 }
 
-/// A time some hours from now, as bodies of requests have it.
+/// A time some hours from now, in the form of request bodies.
 fn hours_ahead(hours: i64) -> String {
     (Timestamp::now() + SignedDuration::from_hours(hours)).to_string()
 }
 
-/// Lets no object have a property that is not described.
+/// Forbids properties that are not described, in all objects.
 fn closed(schema: &mut Value) {
     if let Some(object) = schema.as_object_mut() {
         if object.get("properties").is_some_and(Value::is_object)
@@ -156,7 +156,7 @@ fn answers_are_as_the_description_of_the_api_says() {
     description.check("GET /v1/exports/NAME", name, &by_name);
     assert_eq!(by_name.json()["run_id"], 1, "{}", by_name.body);
 
-    // nothing is described that is not asked above, but the stream without an end
+    // all described operations are requested above, except for the endless stream
     for (template, operations) in description.0["paths"].as_object().expect("paths") {
         for method in operations.as_object().expect("operations").keys() {
             let is_asked = asked.contains(&(method.clone(), template.clone())) || template == "/v1/events";

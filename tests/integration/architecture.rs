@@ -1,4 +1,4 @@
-//! Rules of ARCHITECTURE.md that neither Cargo nor Clippy can express, held against manifests and the text of sources.
+//! Rules of ARCHITECTURE.md that neither Cargo nor Clippy can express, checked on manifests and sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use regex::Regex;
 
-/// Outside crates that nouns and method may depend on: numerics, formats, dates and forms of text.
+/// External crates that nouns and method may depend on: numerics, formats, dates and forms of text.
 const PURE: [&str; 10] = [
     "faer",
     "jiff",
@@ -23,13 +23,13 @@ const PURE: [&str; 10] = [
 /// Drivers of databases.
 const DRIVERS: [&str; 3] = ["rusqlite", "sqlx", "sqlx-core"];
 
-/// Begins a statement in a string literal.
+/// Beginning of a statement in a string literal.
 const STATEMENT: &str = concat!(
     r#"[^\\]"(\\\n)?\s*(ALTER|ATTACH|BEGIN IMMEDIATE|CREATE|DELETE FROM|DROP|INSERT INTO|"#,
     "PRAGMA|SELECT|UPDATE|VACUUM|WITH RECURSIVE) ",
 );
 
-/// Files of the root package that hold a standard stream: one prints, one gives the log its stream.
+/// Files of the root package with a standard stream: one prints, one gives the log its stream.
 const OF_STREAMS: [&str; 2] = ["cli/shared/output.rs", "telemetry.rs"];
 
 /// Source files by their path below a folder, with `/` between folders.
@@ -65,7 +65,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect()
 }
 
-/// Dependencies of a package, except those that only its tests need.
+/// Dependencies of a package, without those of its tests.
 fn dependencies(folder: &Path) -> BTreeSet<String> {
     manifest(folder)["dependencies"].as_table().expect("a table").keys().cloned().collect()
 }
@@ -111,7 +111,7 @@ fn code(sources: &Sources) -> Sources {
     stripped
 }
 
-/// Everything that can be reached from each name over one or more arrows.
+/// All names that can be reached from each name over one or more arrows.
 fn reached(arrows: &BTreeMap<String, BTreeSet<String>>) -> BTreeMap<&String, BTreeSet<&String>> {
     let from = |name| {
         let (mut found, mut left) = (BTreeSet::new(), vec![name]);
@@ -123,8 +123,8 @@ fn reached(arrows: &BTreeMap<String, BTreeSet<String>>) -> BTreeMap<&String, BTr
     arrows.keys().map(from).collect()
 }
 
-/// Modules directly below the root of a crate that depend on themselves through others. `pub use` in `lib.rs` hands names
-/// on; elsewhere it needs nothing.
+/// Modules directly below the root of a crate that depend on themselves through others. `pub use` in `lib.rs` only
+/// re-exports names; elsewhere it is no dependency.
 fn circles(sources: &Sources) -> Vec<String> {
     let handed_on = pattern(r"pub use (?:self::|crate::)?(\w+)::([^;]+);");
     let named = pattern(r"(?:pub )?(?:use )?\bcrate::(?:(\w+)|\{([^;]*?)\})");
@@ -155,7 +155,7 @@ fn circles(sources: &Sources) -> Vec<String> {
     in_circle.map(|(from, to)| format!("{from}: {to:?}")).collect()
 }
 
-/// Made-up sources, of pairs of path and text.
+/// Invented sources, from pairs of path and text.
 fn planted<const N: usize>(files: [(&str, &str); N]) -> Sources {
     files.map(|(path, text)| (path.to_owned(), text.to_owned())).into()
 }

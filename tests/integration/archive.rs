@@ -1,4 +1,4 @@
-//! The optional archive, and what large exports may not do to small ones.
+//! The optional archive, and the limited effect of large exports on small ones.
 
 use std::fs;
 
@@ -20,7 +20,7 @@ fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
     wait_until(|| target.exists() && !source.exists(), || "the export is not moved".into());
     workshop.wait_for("SELECT count(*) FROM quarantine WHERE state = 'open'", 1);
     assert_eq!(fs::read(&target).expect("the copy"), bytes);
-    // a copy of what is stored goes too; so does one that a crash left between copy and removal
+    // a copy of a stored export is moved too, like one left by a crash between copy and removal
     fs::write(&source, &bytes).expect("again");
     wait_until(|| !source.exists(), || "the copy is not moved".into());
     daemon.signal("TERM");
@@ -33,7 +33,8 @@ fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
     assert!(rows.lines().count() > 1000, "{}", rows.lines().count());
 }
 
-/// After a loss of power, or with an older copy of the database put back, the archive has what the database lacks.
+/// After a power failure, or with an older copy of the database restored, the archive has exports that the database
+/// lacks.
 #[test]
 fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
     let workshop = small::workshop();
@@ -52,7 +53,7 @@ fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
     let database = workshop.path("armwatch.db");
     fs::copy(&database, workshop.path("earlier.db")).expect("a copy");
     take(&exports[1], 2);
-    // one of the name of another, which carries its hash
+    // an export with the name of another, with its hash in the name
     let other = small::export("A", 3, 7).named(&exports[1].name.replace("20260106", "20260107"));
     fs::create_dir_all(workshop.path("archive")).expect("a folder");
     let begin = blake3::hash(&other.bytes).to_hex();
@@ -67,7 +68,7 @@ fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
     assert_eq!(workshop.query("SELECT DISTINCT robot FROM runs"), ["A"]);
     assert_eq!(workshop.query("SELECT count(*) FROM runs WHERE source_name LIKE '%~%'"), ["0"]);
     assert!(workshop.log().contains("in the archive, and not in the database"), "{}", workshop.log());
-    // nothing is taken twice
+    // nothing is stored twice
     let daemon = workshop.daemon();
     workshop.wait_for_a_look();
     daemon.signal("TERM");
@@ -91,7 +92,7 @@ fn large_exports_do_not_hold_up_small_ones_of_other_robots() {
         let files = workshop.simulate("inbox", &of);
         fs::metadata(&files[0]).expect("a file").len()
     };
-    // by name the large ones come first
+    // the large ones are first by name
     let large = ["A", "B"].map(|robot| made(robot, "12"));
     let small = ["C", "D", "E"].map(|robot| made(robot, "1"));
     assert!(large.iter().all(|bytes| small.iter().all(|small| small < bytes)), "{small:?} {large:?}");
@@ -102,7 +103,7 @@ fn large_exports_do_not_hold_up_small_ones_of_other_robots() {
     let daemon = workshop.daemon();
     let small = format!("{COMPLETE_RUNS} AND robot IN ('C', 'D', 'E')");
     workshop.wait_for(&small, 3);
-    // the second large one has not had its turn by then
+    // the second large one is not read by then
     assert!(workshop.number(COMPLETE_RUNS) <= 4, "{:?}", workshop.query("SELECT robot, status FROM runs"));
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
@@ -162,7 +163,7 @@ fn a_folder_of_very_many_files_takes_little_memory() {
     let peak = |files: u32| {
         let workshop = Workshop::new();
         for file in 0..files {
-            // all of one robot, so that one at a time is read while all are looked at
+            // all of one robot, so that they are read one at a time while all are scanned
             let name = format!(
                 "R00_20260105_{:02}{:02}{:02}_{file}.csv",
                 file / 3600 % 24,
@@ -172,7 +173,7 @@ fn a_folder_of_very_many_files_takes_little_memory() {
             fs::write(workshop.inbox(&name), format!("time,pos_1\n0,{file}\n")).expect("an export");
         }
         let daemon = workshop.daemon();
-        // by then every file was looked at twice and is queued
+        // by then every file was scanned twice and is queued
         workshop.wait_for("SELECT count(*) >= 20 FROM quarantine", 1);
         let peak = peak_kb(daemon.child.id()).expect("its peak");
         daemon.signal("TERM");
@@ -180,7 +181,7 @@ fn a_folder_of_very_many_files_takes_little_memory() {
         peak
     };
     let (few, many) = (peak(100), peak(files));
-    // two paths, two times and a queue place for each file are half a kilobyte; a scan holds them once more
+    // two paths, two times and a queue place per file are half a kilobyte; a scan holds them a second time
     let by_file = (many.saturating_sub(few)) as f64 * 1024.0 / f64::from(files);
     assert!(by_file < 1500.0, "{by_file} bytes a file, {few} kB for 100 files, {many} kB for {files}");
 }

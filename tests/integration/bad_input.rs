@@ -1,5 +1,5 @@
-//! Broken exports: each is named with its place and remedy, kept in the ledger, left untouched, and
-//! delays no other.
+//! Broken exports: each is reported with its place and remedy, kept in the ledger, left unchanged, and does not delay
+//! other exports.
 
 use std::io::Read;
 
@@ -13,7 +13,7 @@ pub fn decompressed() -> String {
     text
 }
 
-/// One oddity: a name, what is done to a good export, and what must be said of it.
+/// A broken export: a name, a change of a good export, and the expected words.
 struct Oddity {
     name: &'static str,
     spoil: fn(Vec<String>) -> String,
@@ -158,7 +158,7 @@ const ODDITIES: &[Oddity] = &[
     Oddity {
         name: "time_written_twice",
         spoil: |mut l| {
-            // the same row once more would be left out
+            // an identical row would be skipped
             let mut cells: Vec<&str> = l[999].split(',').collect();
             cells[13] = "0.125";
             l.insert(1000, cells.join(","));
@@ -182,7 +182,7 @@ const ODDITIES: &[Oddity] = &[
 ];
 
 fn spoiled(workshop: &Workshop, oddity: &Oddity) -> std::path::PathBuf {
-    // two cycles are enough, and quick
+    // two cycles are enough and fast
     let lines: Vec<String> = decompressed().lines().take(1 + 2 * 8509).map(str::to_owned).collect();
     let path = workshop.inbox(&format!("{}_20260105_0847.csv", oddity.name));
     std::fs::write(&path, (oddity.spoil)(lines)).expect("an export");
@@ -312,7 +312,7 @@ fn parameters(workshop: &Workshop, robot: &str) -> Vec<(String, f64, f64)> {
     rows.iter().map(row).collect()
 }
 
-/// Holds two sets of parameters against each other, in standard errors.
+/// Compares two sets of parameters, in standard errors.
 #[track_caller]
 fn assert_unchanged(found: &[(String, f64, f64)], expected: &[(String, f64, f64)], standard_errors: f64) {
     assert!(!expected.is_empty());
@@ -359,7 +359,7 @@ fn standstill_and_a_cut_last_line_leave_the_parameters_of_a_real_recording_as_th
     let (header, rows) = real_rows();
     let workshop = real_workshop(false);
     write(&workshop, "Plain", &header, &rows);
-    // a second of rest before the motion: the first row, over and over
+    // one second of rest before the motion: the first row, repeated
     let rested: Vec<String> =
         std::iter::repeat_n(rows[0].clone(), 5000).chain(rows.iter().cloned()).collect();
     write(&workshop, "Rested", &header, &rested);
@@ -368,18 +368,18 @@ fn standstill_and_a_cut_last_line_leave_the_parameters_of_a_real_recording_as_th
     workshop.stdout(&["ingest", "inbox"], 0);
     let plain = parameters(&workshop, "Plain");
     assert_eq!(plain.len(), 61);
-    // rows at rest take no part, but the first 83 ms of the motion, which had no surrounding, now do
+    // rows at rest are not used, but the first 83 ms of the motion now have rows before them and are used
     assert_unchanged(&parameters(&workshop, "Rested"), &plain, 0.5);
-    // one row of 20,000 less, so the end that takes no part begins one row earlier
+    // the export is one of 20,000 rows shorter, so the unused end begins one row earlier
     assert_unchanged(&parameters(&workshop, "Cut"), &plain, 0.1);
     assert_eq!(workshop.number("SELECT rows FROM runs WHERE robot = 'Cut'"), 19_999);
 }
 
 #[test]
 fn alternating_steps_give_the_parameters_of_even_ones() {
-    /// Both take every 11 ms on the average a row of the same recording, but not the same rows: their
-    /// noise is as good as independent, and the difference has the variance of both. Four standard
-    /// errors of that, which one of 61 parameters leaves in one of 250 recordings.
+    /// Both take a row of the same recording every 11 ms on average, but not the same rows: their noise is nearly
+    /// independent, and the difference has the variance of both. The limit is four standard errors of it, which one of
+    /// 61 parameters exceeds in one of 250 recordings.
     const INDEPENDENT_NOISE: f64 = 4.0 * std::f64::consts::SQRT_2;
     let (header, rows) = real_rows();
     let workshop = real_workshop(true);

@@ -1,5 +1,5 @@
-//! All that users see of a database: every row of every view that the schema has, in a form that can be compared
-//! with that of another database.
+//! The public content of a database: every row of every view of the schema, in a form for comparisons with another
+//! database.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ struct Differing {
     reason: &'static str,
 }
 
-/// What tells of the machine and of what the program went through there, not of the recordings.
+/// Columns that depend on the machine and the history of the program, not on the recordings.
 const OF_THE_MACHINE: [Differing; 4] = [
     Differing { view: "quarantine", column: "tries", reason: "counts how often the file was read" },
     Differing { view: "quarantine", column: "first_at", reason: "time of the machine's clock" },
@@ -20,13 +20,13 @@ const OF_THE_MACHINE: [Differing; 4] = [
     Differing { view: "quarantine", column: "retry_asked_at", reason: "time of the machine's clock" },
 ];
 
-/// Numbers that are given in the order in which files come to their turn; those of runs are replaced instead.
+/// Numbers in the order of reading the files; those of runs are replaced instead.
 const OF_THE_ORDER: [Differing; 2] = [
     Differing { view: "anomalies", column: "anomaly_id", reason: "counts on with each conclusion" },
     Differing { view: "quarantine", column: "fault_id", reason: "counts on with each attempt to read" },
 ];
 
-/// The public views, by name, but `deliveries`: what a receiver has had tells of the daemon and its receivers.
+/// The public views, by name, except `deliveries`: its rows depend on the daemon and its receivers.
 pub fn views(database: &Path) -> Vec<String> {
     query(
         database,
@@ -34,8 +34,8 @@ pub fn views(database: &Path) -> Vec<String> {
     )
 }
 
-/// Views of what the program and people did and when, which no export decides: two databases of the same exports may
-/// differ in them, as where a test came late in one of them.
+/// Views of actions of the program and of people, which do not follow from exports. Two databases of the same exports
+/// may differ in them, for example if a test arrived late in one of them.
 pub const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
 
 fn columns(database: &Path, view: &str) -> Vec<String> {
@@ -46,15 +46,15 @@ fn lists(differing: &[Differing], view: &str, column: &str) -> bool {
     differing.iter().any(|one| (one.view, one.column) == (view, column))
 }
 
-/// Every row of every public view, sorted, but what tells of the machine.
+/// Every row of every public view, sorted, except for columns that depend on the machine.
 pub fn dump(database: &Path) -> String {
     rows(database, |view, column| {
         (!lists(&OF_THE_MACHINE, view, column)).then(|| format!("quote(seen.\"{column}\")"))
     })
 }
 
-/// As [`dump`], comparable between databases that were filled in another order: runs are named by robot, export
-/// and content instead of their number, and anomalies and faults have no number.
+/// Like [`dump`], comparable between databases that were filled in another order: runs are named by robot, export and
+/// content instead of their number, and anomalies and faults have no number.
 pub fn canonical_dump(database: &Path) -> String {
     rows(database, |view, column| {
         if lists(&OF_THE_MACHINE, view, column) || lists(&OF_THE_ORDER, view, column) {
@@ -65,7 +65,7 @@ pub fn canonical_dump(database: &Path) -> String {
                   WHERE runs.run_id = seen.\"{column}\")"
             ))
         } else if column == "source_path" {
-            // every test has a folder of its own
+            // every test has a separate folder
             Some("quote(substr(seen.source_path, instr(seen.source_path, '/inbox/') + 1))".to_owned())
         } else if (view, column) == ("runs", "reason") {
             // the reason of a superseded run names its successor by number
@@ -86,8 +86,7 @@ pub fn without(dump: &str, view: &str) -> String {
     before.to_owned() + rest
 }
 
-/// All rows with the cells that `cell` selects, which are quoted so that no cell runs into the next one, and numbers
-/// are exact.
+/// All rows with the cells that `cell` selects. They are quoted, so that cells are separate and numbers are exact.
 fn rows(database: &Path, cell: impl Fn(&str, &str) -> Option<String>) -> String {
     let mut dump = String::new();
     for view in views(database).into_iter().filter(|view| !OF_DEEDS.contains(&view.as_str())) {
@@ -100,7 +99,7 @@ fn rows(database: &Path, cell: impl Fn(&str, &str) -> Option<String>) -> String 
     dump
 }
 
-/// Asserts that SQLite finds nothing wrong with the file and that no row points to one that is not there.
+/// Asserts that SQLite finds no error in the file and that no row points to a missing one.
 pub fn assert_sound(database: &Path, of: &str) {
     assert_eq!(query(database, "PRAGMA integrity_check"), ["ok"], "{of}");
     assert_eq!(query(database, "PRAGMA foreign_key_check"), [""; 0], "{of}");

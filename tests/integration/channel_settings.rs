@@ -1,4 +1,4 @@
-//! What a layout and a description say of single channels: delays, positions that are not recorded, sensors at the links.
+//! Settings of single channels in a layout and a description: delays, missing positions, sensors at the links.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! The command line: results on standard output, words on standard error, exit status a contract.
+//! The command line: results on standard output, messages on standard error, a documented exit status.
 
 use clap::Command;
 
@@ -6,7 +6,7 @@ use crate::small::{self, CYCLES, export};
 use crate::support::{self, Workshop, reference, text};
 use armwatch::cli::Cli;
 
-/// Words that lead to each command that does something and is not hidden, with the command.
+/// Words of each command that can be run and is not hidden, with the command.
 fn commands(of: &Command, words: &[String], found: &mut Vec<(Vec<String>, Command)>) {
     // `help` is clap's own
     let shown = |command: &&Command| !command.is_hide_set() && command.get_name() != "help";
@@ -20,7 +20,7 @@ fn commands(of: &Command, words: &[String], found: &mut Vec<(Vec<String>, Comman
     }
 }
 
-/// Command lines of a help text, without what a shell does with their output.
+/// Command lines of a help text, without the parts for the shell.
 fn examples(help: &str) -> Vec<String> {
     let after = help.split_once("Examples:\n").map_or("", |(_, after)| after);
     let joined = after.replace("\\\n", " ");
@@ -32,7 +32,7 @@ fn examples(help: &str) -> Vec<String> {
 fn every_command_has_help_with_examples() {
     let mut found = Vec::new();
     let mut cli = Cli::dressed_command();
-    // options of every command come into each of them
+    // options of all commands are added to each of them
     cli.build();
     commands(&cli, &["armwatch".to_owned()], &mut found);
     assert!(found.len() >= 19, "{found:?}");
@@ -51,7 +51,7 @@ fn every_command_has_help_with_examples() {
     assert!(workshop.stdout(&["ingest", "--help"], 0).contains("Examples:\n  armwatch ingest "));
 }
 
-/// Whether a line of a paragraph ends before the width asks for it, as text does that was wrapped by hand.
+/// A line of a paragraph that ends too early for the width, as in text wrapped by hand.
 fn orphan(help: &str, width: usize) -> Option<String> {
     let lines: Vec<&str> = help.lines().collect();
     let is_prose = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');
@@ -111,7 +111,7 @@ fn a_mistyped_command_gets_one_that_makes_sense() {
     assert!(said.contains("unrecognized") && !said.contains("did you mean"), "{said}");
 }
 
-/// The programs that read manual pages, with which each is looked at.
+/// Checks each page with the programs that read manual pages.
 #[test]
 fn manual_pages_have_no_warnings() {
     let workshop = Workshop::new();
@@ -202,7 +202,7 @@ fn what_is_asked_for_by_a_name_or_number_that_is_not_there_is_refused() {
         assert!(said.contains(says) && !said.contains("to pass"), "{arguments:?}: {said}");
         assert!(output.stdout.is_empty(), "{arguments:?}");
     }
-    // what is there and has none of that kind is no fault
+    // an empty result for an existing robot is no error
     let none = workshop.stdout(&["runs", "--robot", "Left", "--status", "quarantined"], 0);
     assert_eq!(none, "no run is as asked for\n");
 }
@@ -216,7 +216,7 @@ fn a_known_export_names_its_robot_and_names_of_files_give_a_terminal_no_orders()
     std::fs::write(workshop.inbox(evil), "time,pos_1\n0,1\n").expect("written");
     let first = workshop.run(&["ingest", "inbox"]);
     assert_eq!(first.status.code(), Some(1));
-    // the same content under the name of another robot
+    // the same content with the name of another robot
     let copy = export.name.replace("Left", "Right");
     std::fs::write(workshop.inbox(&copy), &export.bytes).expect("written");
     let again = workshop.run(&["ingest", "inbox"]);
@@ -263,18 +263,18 @@ fn an_interrupt_says_what_was_done_and_that_the_same_command_goes_on() {
     assert_eq!(workshop.query("SELECT status, cycles FROM runs"), ["complete|24"]);
 }
 
-/// One of two aborted with "run 7 in database .. is not being stored", without a summary.
+/// Regression: one of two aborted with "run 7 in database .. is not being stored", without a summary.
 #[test]
 fn two_commands_at_once_leave_exports_to_each_other_and_both_come_to_their_summary() {
     let workshop = small::workshop();
-    // a seed is a content
+    // the seed determines the content
     for (robot, seed) in [("A", 100), ("B", 200)] {
         for day in 5..9 {
             let export = export(robot, seed + day, day);
             std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
         }
     }
-    // both find a database, so that neither waits until the other has made it
+    // the database exists already, so that neither waits for the other to create it
     std::fs::create_dir(workshop.path("empty")).expect("a folder");
     workshop.stdout(&["ingest", "empty"], 0);
     let outputs = std::thread::scope(|scope| {
@@ -369,7 +369,7 @@ fn the_er3a_has_the_64_parameters_of_the_thesis_and_agrees_with_the_reference() 
     for said in ["64", "36", "40", "J1_Izz", "J6_I_m"] {
         assert!(out.contains(said), "{said} is not in {out}");
     }
-    // a reference that is not this arm's is noticed
+    // a reference of another arm is detected
     let text = std::fs::read_to_string(&table).expect("the table");
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut cells: Vec<String> = lines[7].split(',').map(str::to_owned).collect();

@@ -1,4 +1,4 @@
-//! What a recording says does not depend on where its clock began to count.
+//! Results of a recording do not depend on the start of its clock.
 
 use std::fs;
 use std::path::PathBuf;
@@ -7,12 +7,12 @@ use crate::canon::OF_DEEDS;
 use crate::small;
 use crate::support::{Workshop, assert_alike, query};
 
-/// What follows from the bytes of a file alone: another clock is another text.
+/// Columns that depend on the bytes of a file: another clock is another text.
 const OF_THE_BYTES: [&str; 2] = ["content_hash", "source_bytes"];
 
 const SHAPE: [&str; 8] = ["--cycles", "6", "--warming-s", "2", "--rate-hz", "30", "--name", "R07"];
 
-/// Tests of six days, and a log of work after them.
+/// Tests of six days, and a production log after them.
 fn recordings(workshop: &Workshop) -> Vec<PathBuf> {
     let scara = format!("{}/config/robots/scara.toml", env!("CARGO_MANIFEST_DIR"));
     let robot = [&SHAPE[..], &["--robot", &scara]].concat();
@@ -22,7 +22,7 @@ fn recordings(workshop: &Workshop) -> Vec<PathBuf> {
     tests.into_iter().chain(work).collect()
 }
 
-/// The same export from a clock that began `seconds` earlier; no digit of a time is lost.
+/// The same export with a clock that began `seconds` earlier; times keep all digits.
 fn with_clock(export: &str, seconds: u64) -> String {
     let mut lines = export.split_inclusive('\n');
     let header = lines.next().expect("a header").to_owned();
@@ -35,7 +35,7 @@ fn with_clock(export: &str, seconds: u64) -> String {
     })
 }
 
-/// All rows of all views, those of each in a fixed order.
+/// All rows of all views, in a fixed order within each.
 fn rows(workshop: &Workshop) -> String {
     let database = workshop.path("armwatch.db");
     let views = query(&database, "SELECT name FROM sqlite_schema WHERE type = 'view' ORDER BY name");
@@ -67,7 +67,7 @@ fn a_clock_that_does_not_begin_at_zero_changes_no_row_of_any_view() {
             fs::write(workshop.inbox(name), with_clock(&export, seconds)).expect("written");
         }
         workshop.stdout(&["ingest", "inbox"], 0);
-        // what the finding was about is there to be compared
+        // the compared rows exist
         for (sql, least) in [
             ("SELECT count(*) FROM runs WHERE status = 'complete'", 7),
             ("SELECT count(*) FROM warmup_fits WHERE model <> 'constant'", 1),

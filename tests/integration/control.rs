@@ -1,5 +1,4 @@
-//! What the daemon is told while it runs, and what it is told before: SIGHUP, a second daemon, the checks of a
-//! configuration.
+//! Control of the daemon while it runs and before: SIGHUP, a second daemon, the checks of a configuration.
 
 use std::fs;
 
@@ -31,18 +30,18 @@ fn a_hangup_reads_the_configuration_again_and_a_wrong_one_changes_nothing() {
     let problems = workshop.log();
     assert!(problems.contains("watch.settle_s") && problems.contains("watch.scan"), "{problems}");
 
-    // what only `run` would notice is refused as well
+    // errors that only `run` would detect are refused as well
     fs::write(workshop.path("armwatch.toml"), sound.replace("[\"inbox\"]", "[\"/\"]")).expect("written");
     daemon.signal("HUP");
     workshop.wait_until(|| said(&workshop, "the earlier configuration stays in force") == 2);
     assert!(workshop.log().contains("is the whole file system"), "{}", workshop.log());
 
-    // a missing file does not put the shipped settings in force
+    // a missing file does not activate the shipped settings
     fs::remove_file(workshop.path("armwatch.toml")).expect("deleted");
     daemon.signal("HUP");
     workshop.wait_until(|| said(&workshop, "the earlier configuration stays in force") == 3);
 
-    // another folder and database: the one is watched now, the other at the next start
+    // another folder and database: the folder is watched now, the database is used from the next start on
     let new = sound.replace("[\"inbox\"]", "[\"inbox\", \"second\"]");
     fs::write(workshop.path("armwatch.toml"), format!("database = \"other.db\"\n{new}")).expect("written");
     daemon.signal("HUP");
@@ -70,7 +69,7 @@ fn a_second_daemon_that_serves_is_told_of_the_first_and_not_of_its_port() {
     assert_eq!(first.end(), Some(0));
 }
 
-/// A change of the configuration, and what is said of it.
+/// A change of the configuration, and the expected message.
 type Case = (&'static str, fn(String) -> String, &'static str);
 
 #[test]

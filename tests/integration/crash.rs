@@ -1,7 +1,7 @@
-//! The proof of the exactly-once effect: a daemon that is killed at random while it takes many exports, some of
-//! them growing, ends with the rows of one that was not.
+//! The proof of the exactly-once effect: a daemon is killed at random while it stores many exports, some of them
+//! growing. It ends with the same rows as a daemon that was not killed.
 //!
-//! `ARMWATCH_KILLS` says how many kills the long test makes, `ARMWATCH_SEED` where its random numbers begin.
+//! `ARMWATCH_KILLS` is the number of kills of the long test, `ARMWATCH_SEED` the seed of its random numbers.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -18,30 +18,29 @@ use crate::canon::assert_sound;
 use crate::small::{self, CYCLES, Export, export, work};
 use crate::support::{assert_alike, pass, query, wait_until};
 
-/// Kills of a round before the daemon may finish: enough to hit every phase, few enough to try several
-/// courses of events.
+/// Kills of a round before the daemon may finish: enough to hit every phase, few enough for several rounds.
 const KILLS_OF_A_ROUND: usize = 25;
 
-/// How a daemon is killed in a round.
+/// The kills of a round.
 #[derive(Debug, Clone, Copy)]
 struct Kills {
     most: usize,
     longest_life: Duration,
 }
 
-/// What becomes of every export, to know when a round has ended.
+/// State of every export, to detect the end of a round.
 const STATES: &str =
     "SELECT source_name, status, cycles, ifnull(content_hash, '') FROM runs ORDER BY 1, 2, 4";
 
 /// Exports of a round.
 struct Material {
-    /// There from the start: plain, compressed, one with a fault in its last cycle, and logs of work.
+    /// Present from the start: plain, compressed, one with a fault in its last cycle, and production logs.
     whole: Vec<Export>,
-    /// Written slowly, the second with a fault, the third a log of work.
+    /// Written slowly, the second with a fault, the third a production log.
     growing: Vec<Export>,
-    /// There from the start, and written over with the second when it is stored.
+    /// Present from the start; the first is overwritten with the second when it is stored.
     rewritten: [Export; 2],
-    /// Name under which the first of `whole` comes again.
+    /// Name of a later copy of the first of `whole`.
     copy: String,
     golden: Golden,
 }
@@ -59,7 +58,7 @@ impl Material {
             export("A", 12, 7),
             export("B", 2, 5).zstd(),
             export("C", 3, 5).spoiled(),
-            // ordinary work before the robot's first test, and between its tests
+            // production before the robot's first test, and between its tests
             work("A", 21, 3),
             work("A", 22, 6),
         ];
@@ -74,7 +73,7 @@ impl Material {
         material
     }
 
-    /// What the one-shot command, which nobody interrupts, makes of the same files.
+    /// Result of the one-shot command for the same files, without interruption.
     fn golden(&self) -> Golden {
         let workshop = small::watching_work();
         let [first, second] = &self.rewritten;
@@ -94,7 +93,7 @@ impl Material {
         Golden { dump: workshop.canonical_dump(), states }
     }
 
-    /// Plays all writers of a round; returns when all is written, or nobody waits for it any more.
+    /// Runs all writers of a round; returns when all is written, or when the round has ended.
     fn write(&self, inbox: &Path, database: &Path, seed: u64, gone: &AtomicBool) {
         let [first, second] = &self.rewritten;
         for export in self.whole.iter().chain([first]) {
@@ -116,7 +115,7 @@ impl Material {
     }
 }
 
-/// What happened in the rounds so far. A kill counts once, by what the database holds after it.
+/// Results of the rounds so far. A kill counts once, by the state of the database after it.
 #[derive(Debug, Default)]
 struct Counts {
     rounds: usize,
@@ -127,7 +126,7 @@ struct Counts {
     run_ended_in_this_life: usize,
     cycle_stored_in_this_life: usize,
     nothing_stored_in_this_life: usize,
-    /// Exports that a later life went on with, and their bytes that it did not parse again.
+    /// Exports that a later life resumed, and their bytes that it did not parse again.
     resumed: usize,
     bytes_passed: u64,
 }
@@ -141,7 +140,7 @@ impl Counts {
             + self.nothing_stored_in_this_life
     }
 
-    /// Counts where the daemons of a round have gone on reading, by their log.
+    /// Counts the positions of resumed reading in a round, from the log of its daemons.
     fn resumed(&mut self, log: &str) {
         let after = |line: &str| {
             line.split_once("resumed at byte ")?.1.split_whitespace().next()?.parse::<u64>().ok()
@@ -191,7 +190,7 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
         live(&mut random, kills.longest_life, &workshop.path("armwatch.db-wal"));
         kill(&mut daemon.child);
         counts.kill(&runs, &states());
-        // some die before there is a file
+        // some are killed before there is a file
         if database.exists() {
             assert_sound(&database, &format!("seed {seed}, kill {}", counts.kills() - before));
         }
@@ -201,7 +200,7 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
     let missing =
         || format!("seed {seed}: {:#?}\nwanted {:#?}", query(&database, STATES), material.golden.states);
     wait_until(done, missing);
-    // done is done: looking again changes nothing
+    // another scan changes nothing
     workshop.wait_until_idle();
     gone.store(true, Ordering::Relaxed);
     writers.join().expect("the writers");
@@ -215,14 +214,14 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
     counts.resumed(&workshop.log());
 }
 
-/// Lets a daemon live for a random time; every third time to just after it has written.
+/// Lets a daemon live for a random time; every third time until just after it has written.
 fn live(random: &mut ChaCha8Rng, longest: Duration, log: &Path) {
     let end = Instant::now() + random.random_range(Duration::from_millis(20)..longest);
     if random.random_range(0..3) > 0 {
         pass(end.saturating_duration_since(Instant::now()));
         return;
     }
-    // past the start, or the first write of a life would always be the last
+    // after the start, otherwise the first write of a life would always be the last
     pass(random.random_range(Duration::ZERO..longest / 2));
     let size = || fs::metadata(log).map_or(0, |metadata| metadata.len());
     let before = size();
@@ -238,7 +237,7 @@ fn kill(child: &mut Child) {
     assert_eq!(status.code(), None, "the daemon ended by itself: {status}");
 }
 
-/// A writer waits for as long as the kills go on.
+/// Waits in a writer as long as the kills continue.
 fn wait_unless(gone: &AtomicBool, is_so: impl Fn() -> bool) {
     while !gone.load(Ordering::Relaxed) && !is_so() {
         pass(Duration::from_millis(40));
@@ -275,13 +274,13 @@ fn number(variable: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("{variable}={text} is not a whole number")))
 }
 
-/// Rounds until there were `kills` kills, from a random number on that is printed.
+/// Runs rounds until there were `kills` kills, with a random seed that is printed.
 fn rounds(kills: usize) -> Counts {
     let seed = number("ARMWATCH_SEED").unwrap_or_else(rand::random);
     println!("ARMWATCH_SEED={seed}");
     let material = Arc::new(Material::new());
     let mut counts = Counts::default();
-    // in these lives a cycle or two are stored, however fast the machine is
+    // one or two cycles are stored in these lives, however fast the machine is
     let longest_life = time_to_a_cycle() * 2;
     let start = Instant::now();
     for seed in (0..).map(|round| seed.wrapping_add(1000 * round)) {
@@ -314,7 +313,7 @@ fn many_kills_change_nothing() {
     assert!(counts.resumed > 0, "no daemon went on where another one was killed: {counts:?}");
 }
 
-/// How long a daemon takes here and now from its start to the first stored cycle of a settled export.
+/// Time of a daemon on this machine from its start to the first stored cycle of a settled export.
 fn time_to_a_cycle() -> Duration {
     let workshop = small::watching_work();
     let export = export("A", 1, 5);
@@ -331,7 +330,7 @@ fn a_storm_of_kills_does_not_keep_the_daemon_from_getting_done() {
     const MOST: usize = 400;
     let seed = number("ARMWATCH_SEED").unwrap_or(1);
     let material = Arc::new(Material::new());
-    // only a life that is longer than this can store anything; most are not
+    // only a life longer than this can store anything; most are shorter
     let to_a_cycle = time_to_a_cycle();
     let kills = Kills { most: MOST, longest_life: to_a_cycle * 3 / 2 };
     let mut counts = Counts::default();

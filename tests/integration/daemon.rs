@@ -1,4 +1,4 @@
-//! The daemon as a process: it takes what appears, and stops when told. What kills do to it: `crash`.
+//! The daemon as a process: it stores new files, and stops on request. The effect of kills is in `crash`.
 
 use std::io::Write;
 
@@ -36,7 +36,7 @@ fn a_file_that_is_still_written_is_complete_only_once_it_stands_still() {
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
     let text = decompressed();
     let mut file = std::fs::File::create(workshop.inbox("R00_20260105_0847.csv")).expect("an export");
-    // each part is seen, far sooner than the file would have settled; cuts inside lines
+    // each part is seen long before the file would have settled; cuts inside lines
     for part in text.as_bytes().chunks(text.len() / 12 + 1) {
         file.write_all(part).expect("written");
         file.flush().expect("flushed");
@@ -96,7 +96,7 @@ fn the_same_export_twice_in_the_folder_is_one_run() {
     let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE_RUNS, 1);
     workshop.wait_until_idle();
-    // both files were taken, so that the second has made no run
+    // both files were read, so the second made no run
     assert_eq!(workshop.query("SELECT COUNT(*) FROM source_file"), ["2"]);
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
@@ -108,7 +108,7 @@ fn a_second_daemon_on_the_database_is_refused_and_the_first_goes_on() {
     let workshop = Workshop::new();
     let first = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
-    // the claim follows the schema by a moment
+    // the claim is made shortly after the schema
     workshop.wait_for_a_look();
     let second = workshop.run(&["run"]);
     assert_eq!(second.status.code(), Some(74));

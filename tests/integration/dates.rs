@@ -1,4 +1,4 @@
-//! Recordings whose starts cannot be right, and files whose names may be another robot's.
+//! Recordings with impossible starts, and files whose names may be another robot's.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -63,7 +63,7 @@ fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
     let explained = workshop.stdout(&["explain", "--quick", next.to_str().expect("a path")], 0);
     assert!(explained.contains("the start cannot be right: dated 2106-02-07 08:47Z"), "{explained}");
 
-    // a person corrects them; reading again and a restart keep that
+    // an operator corrects them; the corrections survive rereading and a restart
     for (run, day) in [(7, "11"), (8, "12"), (9, "13")] {
         let at = format!("2026-01-{day}T08:47");
         workshop.stdout(&["run-date", &run.to_string(), "--at", &at], 0);
@@ -81,7 +81,7 @@ fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
             .number("SELECT count(*) FROM anomalies WHERE quantity = 'implausible_date' AND state = 'open'"),
         0
     );
-    // nobody corrects a start to the future by mistake
+    // corrections to a time in the future are refused
     for future in [&["--at", "2099-01-11T08:47"][..], &["--as-recorded"]] {
         workshop.stdout(&["run-date", "8", "--undo"], 0);
         let refused = workshop.run(&[&["run-date", "8"], future].concat());

@@ -1,4 +1,4 @@
-//! The demo, and what README, `examples/` and `dashboards/` promise on its database.
+//! The demo, and the statements of README, `examples/` and `dashboards/` about its database.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -9,14 +9,14 @@ use serde_json::Value;
 
 use crate::support::{Workshop, end_of, example_questions, text, words};
 
-/// Folder of a demo that has ended, for the tests on its database.
+/// Folder of a finished demo, for the tests on its database.
 const FOLDER: &str = "ARMWATCH_DEMO";
 
 fn page(path: &str) -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).expect(path)
 }
 
-/// A demo that is stopped after the first line that `is_time` takes: exit status, standard output.
+/// A demo that is stopped after the first line that `is_time` returns true for: exit status, standard output.
 fn stopped_demo(arguments: &[&str], is_time: impl Fn(&str) -> bool) -> (Option<i32>, String) {
     let workshop = Workshop::new();
     let mut command = workshop.command(&[&["demo", "--once", "--dir", "show"], arguments].concat());
@@ -65,7 +65,7 @@ fn a_demo_as_json_says_the_same() {
     assert_eq!(verdict[0]["faults"][0]["tests_with_fault"], 0, "{told}");
 }
 
-/// A folder with the database of a demo that has ended, and without a configuration; `None` where none is named.
+/// A folder with the database of a finished demo, and without a configuration; `None` if none is named.
 fn shown() -> Option<Workshop> {
     let Some(demo) = std::env::var_os(FOLDER).map(PathBuf::from) else {
         println!("SKIPPED: {FOLDER} does not name the folder of a demo that has ended");
@@ -83,7 +83,7 @@ fn blocks(page: &str, language: &str) -> Vec<String> {
     page.split(&fence).skip(1).filter_map(|part| Some(part.split_once("```")?.0.to_owned())).collect()
 }
 
-/// Commands of console blocks that start with the program, without what is said of them.
+/// Commands of console blocks that start with the program, without their comments.
 fn commands(page: &str) -> Vec<Vec<String>> {
     let text = blocks(page, "console").concat().replace("\\\n", " ");
     let lines = text.lines().filter_map(|line| line.strip_prefix("$ armwatch "));
@@ -105,13 +105,12 @@ fn rows(workshop: &Workshop, statement: &str) -> usize {
     workshop.stdout(&["sql", "--json", "--", statement], 0).lines().count()
 }
 
-/// Every command of the README runs in a folder with the demo's database, and has something to say; every statement
-/// has rows.
+/// Every command of the README runs in a folder with the demo's database, and has output; every statement has rows.
 #[test]
 #[ignore = "needs the database of a demo that has ended"]
 fn commands_and_queries_of_the_readme_answer() {
     let Some(workshop) = shown() else { return };
-    // a reader's own exports
+    // a reader's exports
     let made = workshop.simulate("exports", &["--name", "Mine", "--cycles", "1", "--warming-s", "0"]);
     fs::copy(&made[0], workshop.path("new.csv")).expect("a copy");
     let readme = page("README.md");
@@ -143,7 +142,7 @@ fn commands_and_queries_of_the_readme_answer() {
     }
 }
 
-/// Every command of the tutorial, except the demo itself, runs in the folder of a demo that has ended.
+/// Every command of the tutorial, except the demo itself, runs in the folder of a finished demo.
 #[test]
 #[ignore = "needs the database of a demo that has ended"]
 fn commands_of_the_first_alarm_answer() {
@@ -174,7 +173,7 @@ fn commands_of_the_first_alarm_answer() {
     assert!(status.contains("learning"), "{status}");
 }
 
-/// Questions that may have no rows on the demo's database, and why: nothing that the demo plants answers them.
+/// Questions that may have no rows on the demo's database, each with the reason.
 const EMPTY: [(&str, &str); 15] = [
     (
         "Which joints will reach the critical limit within 90 days?",
@@ -196,7 +195,8 @@ const EMPTY: [(&str, &str); 15] = [
     ("quarantine.sql of 'Middle'", "every export was understood"),
 ];
 
-/// The questions of `examples/questions.sql`, and the queries of `dashboards/` with their defaults and as its README asks them.
+/// The questions of `examples/questions.sql`, and the queries of `dashboards/` with their defaults and with the
+/// parameters of its README.
 #[test]
 #[ignore = "needs the database of a demo that has ended"]
 fn example_questions_and_queries_for_dashboards_have_rows() {

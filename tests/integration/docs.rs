@@ -8,7 +8,7 @@ use std::process::Command;
 
 use crate::support::{REFERENCE_NAME, Workshop, example_questions, text};
 
-/// Figures that SQL and the program compute from the same stored numbers differ by rounding only.
+/// Values that SQL and the program compute from the same stored numbers differ by rounding only.
 const ROUNDING: f64 = 1e-9;
 
 fn repository(path: &str) -> PathBuf {
@@ -50,7 +50,7 @@ fn schema_names_every_view_and_column_and_no_other() {
     assert_eq!(documented(), stored, "docs/schema.md on the left, the database on the right");
 }
 
-/// The oldest compiler that is promised takes every crate, and the README names it.
+/// The oldest promised compiler is enough for every crate, and the README names it.
 #[test]
 fn no_crate_needs_a_newer_compiler_than_is_promised() {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
@@ -106,8 +106,7 @@ impl Query {
         parameter().captures_iter(text).map(|found| found[1].to_owned()).collect()
     }
 
-    /// Rows of `select` over the query's rows, named `answer`; parameters that are not given get
-    /// `default`.
+    /// Rows of `select` over the query's rows, named `answer`; missing parameters get `default`.
     fn ask(&self, workshop: &Workshop, select: &str, given: &[(&str, &str)], default: &str) -> Vec<String> {
         for (name, _) in given {
             assert!(Self::parameters(self.body()).contains(*name), "{} has no :{name}", self.name);
@@ -121,7 +120,7 @@ impl Query {
         workshop.query(&format!("SELECT {select} FROM ({body}) AS answer"))
     }
 
-    /// One figure, with parameters left out.
+    /// One value; missing parameters are NULL.
     fn number(&self, workshop: &Workshop, select: &str, given: &[(&str, &str)]) -> f64 {
         let rows = self.ask(workshop, select, given, "NULL");
         rows.first().and_then(|cell| cell.parse().ok()).unwrap_or(f64::NAN)
@@ -156,9 +155,9 @@ fn every_query_says_what_it_answers_and_what_it_takes() {
     }
 }
 
-/// The reference arm `R00` with one run, after a first export of that name was faulty; an arm `Worn`
-/// whose joint 3 wears in the last of four runs; and an arm `Bad` whose only export is empty. A
-/// baseline of three runs keeps the history short.
+/// The reference arm `R00` with one run, after a first faulty export of that name; an arm `Worn` whose joint 3 wears in
+/// the last of four runs; and an arm `Bad` whose only export is empty. A baseline of three runs keeps the history
+/// short.
 fn fleet() -> Workshop {
     let workshop = Workshop::new();
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
@@ -177,10 +176,10 @@ fn fleet() -> Workshop {
 #[test]
 fn every_query_answers_its_question() {
     let workshop = fleet();
-    // run_id of the runs, in the order they were taken: empty 1, faulty 2, R00 3, Worn 4 to 7
+    // run_id of the runs, in the order of reading: empty 1, faulty 2, R00 3, Worn 4 to 7
     let rows = [
         ("fleet_overview.sql", 3),
-        // four runs of two cycles are too short for a friction map, and so for an index
+        // four runs of two cycles are too short for a friction map, and therefore for an index
         ("friction_index_by_run.sql", 0),
         ("friction_over_speed.sql", 2 * 6 * 4),
         ("friction_over_time.sql", 2 * 6 * 2),
@@ -194,7 +193,7 @@ fn every_query_answers_its_question() {
         let (_, fewest) = rows.iter().find(|(name, _)| *name == query.name).expect("a query with its rows");
         let left_out = query.ask(&workshop, "*", &[], "NULL");
         assert!(left_out.len() >= *fewest, "{}: {} rows of {fewest}", query.name, left_out.len());
-        // Datasette and Grafana give the empty text for a field that is left empty
+        // Datasette and Grafana send the empty text for an empty field
         assert_eq!(query.ask(&workshop, "*", &[], "''"), left_out, "{}", query.name);
         if Query::parameters(query.body()).contains("robot") {
             let nobody = query.ask(&workshop, "*", &[("robot", "'Nobody'")], "NULL");
@@ -214,11 +213,11 @@ fn the_fleet_is_told_worst_first(workshop: &Workshop) {
         overview.ask(workshop, "robot, status, worst_joint, complete_runs, quarantined_runs", &[], "NULL");
     assert_eq!(told, ["Worn|critical|3|4|0", "R00|learning||1|0", "Bad|untested||0|1"]);
     let open = Query::read("open_anomalies.sql").ask(workshop, "robot, joint, kind", &[], "NULL");
-    // half as much again from one test to the next is no drift
+    // a rise by a half from one test to the next is no drift
     assert!(open.contains(&"Worn|3|step".to_owned()), "{open:?}");
 }
 
-/// The query and the detector compute it from the same points by different roads.
+/// The query and the detector compute it from the same points in different ways.
 fn the_ratio_of_warm_friction_is_the_detectors(workshop: &Workshop) {
     let ratio = Query::read("warm_friction_by_run.sql");
     for joint in 1..=6 {
@@ -251,7 +250,7 @@ fn the_fitted_curve_is_as_far_from_the_points_as_stored(workshop: &Workshop) {
 
 fn choices_are_kept(workshop: &Workshop) {
     let parameters = Query::read("parameters_by_cycle.sql");
-    // text as a web form gives it
+    // text in the form of a web form
     let given = [("robot", "'R00'"), ("joint", "'3'"), ("parameter", "'I_m'")];
     let band = "cycle, joint, parameter, low < value AND value < high";
     assert_eq!(
@@ -285,7 +284,7 @@ fn a_corrected_export_is_told_from_an_open_one(workshop: &Workshop) {
     assert_eq!(quarantine.ask(workshop, "robot", &[("unresolved", "1")], "NULL"), ["Bad"]);
 }
 
-/// Every statement of `examples/questions.sql`, as `armwatch sql` takes it.
+/// Every statement of `examples/questions.sql`, run by `armwatch sql`.
 #[test]
 fn every_example_question_is_answered() {
     let workshop = fleet();
@@ -296,7 +295,7 @@ fn every_example_question_is_answered() {
         let rows = workshop.stdout(&["sql", "--json", "--", &statement], 0);
         answered += usize::from(!rows.trim().is_empty());
     }
-    // a small fleet has no repairs and no logs of work
+    // a small fleet has no repairs and no production logs
     assert!(answered >= 10, "{answered} have rows");
 }
 

@@ -1,4 +1,4 @@
-//! What `armwatch doctor` says of a machine, and what the daemon tells a service manager.
+//! Findings of `armwatch doctor` about a machine, and the daemon's messages to a service manager.
 
 use std::fs::{self, File};
 use std::io::{Seek, SeekFrom, Write};
@@ -58,7 +58,7 @@ fn a_sound_database_is_fit_and_a_damaged_page_is_found() {
     }
     assert!(fs::read(workshop.path("armwatch.db")).expect("the database") == before, "it was written to");
 
-    // pages in the middle of the file, behind those that hold the schema
+    // pages in the middle of the file, after those with the schema
     let mut file = File::options().write(true).open(workshop.path("armwatch.db")).expect("the database");
     file.seek(SeekFrom::Start(before.len() as u64 / 2 / 4096 * 4096)).expect("a place");
     file.write_all(&[0xA5; 16 * 4096]).expect("written");

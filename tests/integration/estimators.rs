@@ -1,4 +1,4 @@
-//! The configured estimator on every road, and what it is worth against another.
+//! The configured estimator in every command, and its accuracy compared with another.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")
 }
 
-/// Moving relative RMSD of the excitation by joint, as a command printed it.
+/// Moving relative RMSD of the excitation by joint, from the output of a command.
 fn printed(rmsd: &serde_json::Value) -> Vec<f64> {
     let of_excitation = rmsd.as_array().expect("a list").iter().filter(|of| of["stage"] == "excitation");
     of_excitation.map(|of| of["moving_relative_rmsd"].as_f64().expect("a figure")).collect()
@@ -44,7 +44,7 @@ fn one_cycle_has_one_figure_on_every_road() {
     for estimator in ["weighted", "ordinary"] {
         let workshop = Workshop::new();
         let config = std::fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-        // the default is weighted, so that nothing has to be said for it
+        // the default is weighted and needs no setting
         if estimator != "weighted" {
             let config = format!("{config}\n[analysis]\nestimator = \"{estimator}\"\n");
             std::fs::write(workshop.path("armwatch.toml"), config).expect("written");
@@ -103,7 +103,7 @@ fn refused_cycles_are_passed_over_with_their_reason() {
     }
     let together = json(&workshop.stdout(&["identify", "--robot", "R01", "--json"], 0));
     assert_eq!(together["sources"].as_array().map(Vec::len), Some(2));
-    // a run that is named is used, and its reason is printed
+    // a named run is used, and its reason is printed
     for arguments in [&["identify", "--run", "2"][..], &["verify", "--parameters", "2", "--against", "1"]] {
         let output = workshop.run(arguments);
         let said = text(&output.stderr);
@@ -113,7 +113,7 @@ fn refused_cycles_are_passed_over_with_their_reason() {
     }
 }
 
-/// Relative deviations of the torque by joint, of parameters from other rows than those that they are held against.
+/// Relative deviations of the torque by joint, with parameters from other rows.
 struct Crossed {
     name: String,
     by_joint: [Vec<f64>; 2],
@@ -121,7 +121,7 @@ struct Crossed {
 
 const ESTIMATORS: [Estimator; 2] = [Estimator::Ordinary, Estimator::Weighted];
 
-/// Identifies on all parts but one and verifies on this one, in turn. A part is the factors of some rows.
+/// Identifies on all parts except one and verifies on that one, for each part. A part is the factors of some rows.
 fn crossed(name: &str, method: &Method, parts: &[Vec<JointFactor>], rate: f64, cutoff: f64) -> Crossed {
     let by_joint = ESTIMATORS.map(|estimator| {
         let mut sums = StageSums::default();
@@ -143,8 +143,7 @@ fn crossed(name: &str, method: &Method, parts: &[Vec<JointFactor>], rate: f64, c
     Crossed { name: name.into(), by_joint }
 }
 
-/// Factors of a cycle whose rows of excitation outside a share of its time count as rows between stages, or are
-/// left out.
+/// Factors of a cycle. Its rows of excitation outside a part of its time count as rows between stages, or are omitted.
 fn part(method: &Method, cycle: &Cycle, [from, to]: [f64; 2], cutoff: f64) -> Vec<JointFactor> {
     let filtered = filter_signals(&cycle.samples, cutoff).expect("long enough");
     let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
@@ -182,7 +181,7 @@ fn tx40() -> Crossed {
     crossed("TX40, recorded", &method, &parts, 5000.0, settings.cutoff)
 }
 
-/// Two runs of a simulated arm, whose gearboxes have a bump at low speed and a ripple, a day apart: each against the
+/// Two runs of a simulated arm, a day apart, whose gearboxes have a bump at low speed and a ripple: each against the
 /// other, excitation, friction and warming stages.
 fn simulated(name: &str, robot: Robot, seed: u64) -> Crossed {
     let layout = read_layout(&shipped("exports", "native")).expect("a shipped layout");
@@ -252,7 +251,7 @@ fn cross_errors_of_ordinary_and_weighted_estimates() {
         println!("| {name} | {} |", cells.join(" | "));
         assert!(ordinary.iter().chain(weighted).all(|error| error.is_finite()), "{name}");
     }
-    // over the joints of all arms, weighted is better where it differs
+    // over the joints of all arms, weighted is better if the two differ
     let ratios: Vec<f64> = table
         .iter()
         .flat_map(|of| of.by_joint[0].iter().zip(&of.by_joint[1]).map(|(o, w)| (w / o).ln()))

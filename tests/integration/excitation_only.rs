@@ -1,4 +1,4 @@
-//! Recordings without a friction stage: friction is watched by what the excitation identifies.
+//! Recordings without a friction stage: the friction from the excitation is checked.
 
 use std::fs;
 
@@ -74,7 +74,7 @@ fn seconds_of_difference_are_no_other_temperature() {
     workshop.stdout(&["ingest", "inbox"], 0);
     let told = workshop.query("SELECT joint, status, reason FROM fleet_health ORDER BY joint");
     assert_eq!(told.len(), 6);
-    // two joints reach another speed in 10 s, and friction is compared at one speed
+    // two joints reach another speed in 10 s, and friction is compared at one speed only
     let compared = told.iter().filter(|row| !row.contains("does not compare")).count();
     assert_eq!(compared, 4, "{told:?}");
 }

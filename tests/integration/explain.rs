@@ -1,4 +1,4 @@
-//! `armwatch explain`: what it says is what then happens, and nothing is written.
+//! `armwatch explain`: its output matches the later result, and it writes nothing.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! `armwatch export`: what is in the files, which files are replaced, and what an export that fails leaves behind.
+//! `armwatch export`: contents of the files, replaced files, and the state after a failed export.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -19,7 +19,7 @@ use crate::canon;
 use crate::small::{self, export};
 use crate::support::{Workshop, end_of, query, text, wait_until};
 
-/// A database of robot A with two tests in January and robot B with one, made once for all tests.
+/// A database of robot A with two tests in January and robot B with one, created once for all tests.
 static STORED: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let workshop = small::workshop();
     for (robot, day) in [("A", 5), ("A", 6), ("B", 5)] {
@@ -51,7 +51,7 @@ fn views(database: &Path) -> BTreeMap<String, Vec<[String; 2]>> {
     views
 }
 
-/// Rows of a view as SQL gives them, sorted.
+/// Rows of a view in the form of SQL results, sorted.
 fn in_sql(database: &Path, view: &str) -> Vec<String> {
     sorted(query(database, &format!("SELECT * FROM \"{view}\"")))
 }
@@ -61,7 +61,7 @@ fn sorted(mut rows: Vec<String>) -> Vec<String> {
     rows
 }
 
-/// Names of the files in a folder, those that are hidden too.
+/// Names of the files in a folder, including hidden ones.
 fn files(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").file_name());
     sorted(entries.map(|name| name.to_string_lossy().into_owned()).collect())
@@ -81,7 +81,7 @@ fn csv_has_every_value_of_every_view() {
         let names = query(&database, &format!("SELECT name FROM pragma_table_info('{view}') ORDER BY cid"));
         assert!(reader.headers().expect("a header").iter().eq(names.iter()), "{view}");
         let shown = |cell: &str, kind: &str| match kind {
-            // the text of a number is another one here
+            // numbers have another text here
             "real" if !cell.is_empty() => cell.parse::<f64>().expect("a number").to_string(),
             _ => cell.to_owned(),
         };
@@ -99,7 +99,7 @@ fn csv_has_every_value_of_every_view() {
         assert_eq!(sorted(rows), in_sql(&database, view), "{view}");
     }
     assert!(with_rows >= 15, "{with_rows} views have rows");
-    // what is said of NULL holds
+    // the declared nullability is correct
     let never = "SELECT view_name, group_concat('count(\"' || column_name || '\")', ', ') FROM view_columns
                  WHERE nullable = 0 GROUP BY view_name";
     for row in query(&database, never) {
@@ -111,7 +111,7 @@ fn csv_has_every_value_of_every_view() {
     assert_eq!(files(&workshop.path("out/all")).len(), views.len(), "nothing else is left there");
 }
 
-/// `deliveries` too, which comparisons of databases leave out.
+/// Views including `deliveries`, which comparisons of databases omit.
 fn canon_views(database: &Path) -> Vec<String> {
     let mut views = canon::views(database);
     views.push("deliveries".into());
@@ -160,7 +160,7 @@ fn parquet_has_every_value_with_its_type_and_says_what_it_means() {
     }
 }
 
-/// A file of Parquet.
+/// A Parquet file.
 struct Parquet {
     metadata: FileMetadata,
     bytes: Vec<u8>,
@@ -172,7 +172,7 @@ impl Parquet {
         Self { metadata: read_metadata(&mut Cursor::new(&bytes)).expect("Parquet"), bytes }
     }
 
-    /// Values of a column; times and days as numbers, for polars is built without them.
+    /// Values of a column; times and days as numbers, since polars is built without them.
     fn values(&self, number: usize, field: &ArrowField) -> Series {
         let kind = match &field.dtype {
             ArrowDataType::Timestamp(..) => ArrowDataType::Int64,
@@ -198,7 +198,7 @@ impl Parquet {
     }
 }
 
-/// A value as [`query`] shows that of SQL; fails where it has another type.
+/// A value in the form that [`query`] shows; panics if it has another type.
 fn shown(kind: &ArrowDataType, value: &AnyValue<'_>, [of, unit]: &[String; 2]) -> String {
     match (of.as_str(), unit.as_str(), kind, value) {
         (_, _, _, AnyValue::Null) => String::new(),
@@ -242,7 +242,7 @@ fn robots_and_times_choose_rows() {
     let both = rows(&["--csv", "ab", "--robot", "A", "--robot", "B"]);
     assert_eq!(both["cycles"], number("SELECT count(*) FROM cycles WHERE robot IN ('A', 'B')"));
 
-    // a test belongs to one side of a moment with all its rows, also where the moment lies within it
+    // a test belongs to one side of a moment with all its rows, also if the moment is within it
     let parts =
         [&["--until", "2026-01-06"][..], &["--since", "2026-01-06", "--until", "2026-01-07T00:00:00Z"]];
     let [before, after] = parts.map(|times| rows(&[&["--parquet", "part"], times].concat()));
@@ -254,7 +254,7 @@ fn robots_and_times_choose_rows() {
     assert_eq!(before["view_columns"], number("SELECT count(*) FROM view_columns"), "columns have no time");
 }
 
-/// Files below a folder, as paths from there.
+/// Files below a folder, as relative paths.
 fn all_files(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for name in files(folder) {
@@ -312,7 +312,7 @@ fn by_month_every_row_is_in_one_file_and_what_has_not_changed_is_left_alone() {
     let tests = ["robot=A/month=2026-01/cycles.csv", "robot=B/month=2026-01/cycles.csv"];
     assert_eq!(all_files(&out.join("cycles")), tests);
 
-    // Parquet, again, and with a test more: only the month that has changed is written
+    // Parquet, again, and with one more test: only the changed month is written
     let parts = |of: &BTreeMap<String, serde_json::Value>, view: &str| {
         ["written", "unchanged", "removed"].map(|count| of[view]["parts"][count].as_u64().expect("a count"))
     };
@@ -327,18 +327,18 @@ fn by_month_every_row_is_in_one_file_and_what_has_not_changed_is_left_alone() {
     let counted = Parquet::read(&file("A", "2026-01").join("cycles.parquet")).metadata.num_rows;
     assert_eq!(counted as i64, workshop.number("SELECT count(*) FROM cycles WHERE robot = 'A'"));
 
-    // a file of which no row is left goes, of the months and robots that are asked for
+    // a file without remaining rows is deleted, within the selected months and robots
     for robot in ["A", "B"] {
         fs::create_dir(file(robot, "2025-12")).expect("a folder");
         let from = file(robot, "2026-01").join("cycles.parquet");
         fs::copy(from, file(robot, "2025-12").join("cycles.parquet")).expect("a copy");
     }
-    // in the middle of the month: the whole of it
+    // a date in the middle of the month selects the whole month
     let since = ["cycles", "--parquet", "months", "--since", "2026-01-06"];
     assert_eq!(parts(&by_month(&since), "cycles"), [0, 2, 0]);
     assert_eq!(parts(&by_month(&["cycles", "--parquet", "months", "--robot", "B"]), "cycles"), [0, 1, 1]);
     assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [0, 2, 1]);
-    // somebody's file is not taken away
+    // a foreign file is not deleted
     let foreign = file("A", "2025-12").join("cycles.parquet");
     fs::write(&foreign, "notes").expect("a file");
     let refused = workshop.run(&["export", "--by-month", "--parquet", "months"]);
@@ -404,7 +404,7 @@ fn only_exports_of_the_same_view_are_replaced() {
     workshop.stdout(&["export", "runs", "-o", "out/of_a.parquet"], 0);
     let refused = workshop.run(&["export", "cycles", "-o", "out/of_a.parquet"]);
     assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
-    // a copy for readers holds what the database holds
+    // a copy for readers has the content of the database
     workshop.stdout(&["snapshot", "copy.db"], 0);
     workshop.stdout(&["export", "--csv", "of_copy", "--db", "copy.db"], 0);
     assert_eq!(fs::read(workshop.path("of_copy/runs.csv")).expect("the file"), export);
@@ -414,7 +414,7 @@ fn only_exports_of_the_same_view_are_replaced() {
 fn what_cannot_be_written_is_named() {
     let workshop = stored();
     fs::write(workshop.path("taken"), "a file").expect("a file");
-    // a device that is full, as a disk may be
+    // a full device, like a full disk
     for name in ["full.csv", "full.parquet"] {
         symlink("/dev/full", workshop.path(name)).expect("a link");
     }
@@ -434,7 +434,7 @@ fn what_cannot_be_written_is_named() {
     assert_eq!(files(&workshop.path("there")), ["runs.csv"]);
 }
 
-/// Makes a pipe, into which an export writes when somebody reads from it.
+/// Creates a pipe; an export blocks on it until it has a reader.
 fn pipe(path: &Path) {
     let made = Command::new("mkfifo").arg(path).status().expect("mkfifo runs");
     assert!(made.success());
@@ -492,7 +492,7 @@ fn all_files_are_of_one_moment() {
         let pipe = out.join("cycles.csv");
         move || fs::read_to_string(pipe)
     });
-    // an export that fails would leave the reader waiting
+    // the reader would wait forever for a failed export
     assert_eq!(end_of(&mut running, || "the export does not end".into()), Some(0));
     wait_until(|| reader.is_finished(), || "the export did not write into the pipe".into());
     let cycles = reader.join().expect("no panic").expect("what comes through the pipe");

@@ -1,5 +1,5 @@
-//! Every export of `tests/fixtures/exports`, sound or broken, through the real program: an outcome that the exit status,
-//! the database and the words agree on, and never a panic.
+//! Every export of `tests/fixtures/exports`, sound or broken, in the real program: exit status, database and messages
+//! agree, and it never panics.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ fn fixtures() -> Vec<PathBuf> {
     found
 }
 
-/// Takes an export into a database of its own, and says what does not fit together.
+/// Stores an export in a separate database, and returns the contradictions.
 fn problem(workshop: &Workshop, fixture: &Path) -> Option<String> {
     let stem = fixture.file_stem()?.to_str()?;
     let (name, database) = (format!("R00_20260105_0847_{stem}.csv"), format!("{stem}.db"));
@@ -37,7 +37,7 @@ fn problem(workshop: &Workshop, fixture: &Path) -> Option<String> {
          FROM runs LEFT JOIN quarantine USING (run_id) GROUP BY runs.run_id",
     );
     let fits = match runs.first().and_then(|run| run.split('|').next()) {
-        // a refusal is told with its remedy, by both commands
+        // both commands report a refusal with its remedy
         Some("quarantined") => {
             runs == ["quarantined|1|1"]
                 && taken.status.code() == Some(1)

@@ -1,4 +1,4 @@
-//! Many robots before one daemon: each is served in its turn, whatever its name and however many others write.
+//! Many robots of one daemon: each is read in turn, whatever its name and the number of the others.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -31,7 +31,7 @@ impl Export {
     }
 }
 
-/// Exports of `robots` robots, alike but for the last digit of one cell.
+/// Exports of `robots` robots, equal except for the last digit of one cell.
 fn exports(workshop: &Workshop, robots: u8, cycles: u32) -> Vec<Export> {
     let arguments = ["--cycles", &cycles.to_string(), "--warming-s", "5", "--name", "R00"];
     let made = workshop.simulate("made", &arguments).remove(0);
@@ -48,7 +48,7 @@ fn exports(workshop: &Workshop, robots: u8, cycles: u32) -> Vec<Export> {
     (1..=robots).map(of_robot).collect()
 }
 
-/// Place behind the first rows of cycle `number`, which ends the one before it.
+/// Place after the first rows of cycle `number`, which end the one before it.
 fn into_cycle(text: &[u8], number: u32) -> usize {
     let text = std::str::from_utf8(text).expect("text");
     let mut at = 0;
@@ -75,7 +75,7 @@ fn twenty_robots_that_write_at_once_are_all_read_while_they_write() {
     let mut exports = exports(&workshop, 20, 3);
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
-    // seen first, then seen to grow
+    // seen first, then seen growing
     let start = exports[0].text.len() / 10;
     exports.iter_mut().for_each(|export| export.grow_to(start));
     workshop.wait_until(|| workshop.number("SELECT COUNT(*) FROM runs") >= 0);
@@ -83,7 +83,7 @@ fn twenty_robots_that_write_at_once_are_all_read_while_they_write() {
         let end = into_cycle(&exports[0].text, cycle + 1);
         let mut rows = 0;
         workshop.wait_until(|| {
-            // every file goes on growing while others are read
+            // every file continues to grow while others are read
             rows += 1;
             exports.iter_mut().for_each(|export| export.grow_to(end + 300 * rows));
             workshop.number(&format!("SELECT COUNT(*) FROM runs WHERE cycles >= {cycle}")) == 20

@@ -1,6 +1,6 @@
-//! Faults of disks and of other programs, made with a library that is loaded before the C library and lets
-//! system calls of the real binary fail. What was not stored because of one is stored after it, and the rows are
-//! those of an undisturbed run.
+//! Faults of disks and of other programs, made with a library that is loaded before the C library and lets system calls
+//! of the real binary fail. Data that was not stored because of a fault is stored after it, and the rows are those of
+//! an undisturbed run.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ const STATES: &str = "SELECT source_name, status, cycles FROM runs ORDER BY 1";
 /// A setting of the library, see `shim.c`.
 type Setting = (&'static str, &'static str);
 
-/// What a database on such a disk is said to be.
+/// Message about a database on such a disk.
 const REFUSED: &str = "disk refused a write or a read of database";
 
 const EIO: Setting = ("FAULT_ERRNO", "5");
@@ -32,7 +32,7 @@ const SYNC: Setting = ("FAULT_CALL", "sync");
 const DATABASE: Setting = ("FAULT_PATH", "armwatch.db");
 const EXPORTS: Setting = ("FAULT_PATH", "inbox/");
 
-/// The library, and what the exports of every case come to without a fault.
+/// The library, and the results of the exports of all cases without a fault.
 struct Bench {
     folder: tempfile::TempDir,
     exports: Vec<Export>,
@@ -65,7 +65,7 @@ fn put(workshop: &Workshop, exports: &[Export]) {
     }
 }
 
-/// A daemon with settings of the library, and a file of what it says.
+/// A daemon with settings of the library, and the file of its standard error.
 struct Faulty {
     child: Child,
     said: PathBuf,
@@ -87,12 +87,12 @@ impl Faulty {
         Self { child, said }
     }
 
-    /// Waits for what is wanted of the database; a daemon that ends before that is a fault.
+    /// Waits for a state of the database; fails if the daemon ends before that.
     fn wait(&mut self, workshop: &Workshop, wanted: impl Fn(&[String]) -> bool, case: &str) {
         let said = self.said.clone();
         let said = || fs::read_to_string(&said).unwrap_or_default();
         let is_so = || {
-            // before it watches, a signal would end it at once
+            // a signal before it watches would end it at once
             if said().contains("watching") && wanted(&states(workshop)) {
                 return true;
             }
@@ -150,7 +150,7 @@ fn states(workshop: &Workshop) -> Vec<String> {
     if database.exists() { query(&database, STATES) } else { Vec::new() }
 }
 
-/// Lets a daemon without faults do the rest, and compares.
+/// Lets a daemon without faults store the rest, and compares.
 fn finish(workshop: &Workshop, case: &str) {
     let mut daemon = Faulty::start(workshop, &[]);
     daemon.wait(workshop, |states| states == BENCH.states, case);
@@ -164,7 +164,7 @@ fn compare(workshop: &Workshop, case: &str) {
     assert_sound(&database, case);
 }
 
-/// The daemon reads all exports in spite of the fault.
+/// Checks that the daemon reads all exports in spite of the fault.
 fn goes_on(case: &str, settings: &[Setting]) {
     let workshop = small::workshop();
     put(&workshop, &BENCH.exports);
@@ -174,7 +174,7 @@ fn goes_on(case: &str, settings: &[Setting]) {
     compare(&workshop, case);
 }
 
-/// The daemon stops with status 74 and says why; without the fault it does the rest.
+/// Checks that the daemon stops with status 74 and names the reason; without the fault it stores the rest.
 fn stops(case: &str, settings: &[Setting], says: &str) {
     let workshop = small::workshop();
     put(&workshop, &BENCH.exports);
@@ -237,7 +237,7 @@ fn a_database_on_a_full_disk_stops_the_daemon_and_loses_nothing() {
 #[ignore = "a fault at every place of a run takes minutes"]
 fn a_disk_that_is_full_at_any_place_loses_nothing() {
     let mut stopped = 0;
-    // from the first byte on until there is all the room that is needed
+    // from zero bytes up to the full size of the database
     for bytes in (0..).step_by(61_000) {
         let workshop = small::workshop();
         put(&workshop, &BENCH.exports);
@@ -258,7 +258,7 @@ fn a_disk_that_is_full_at_any_place_loses_nothing() {
 #[test]
 fn a_disk_that_fails_to_sync_or_to_truncate_loses_nothing() {
     stops("schema", &[SYNC, DATABASE, EIO], REFUSED);
-    // a checkpoint that fails leaves the log as it is: what is committed is read from there
+    // a failed checkpoint leaves the log unchanged: committed data is read from there
     let settings = [SYNC, ("FAULT_PATH", "armwatch.db-wal"), EIO, ("FAULT_AFTER", "1")];
     let workshop = small::workshop();
     put(&workshop, &BENCH.exports);
@@ -271,23 +271,23 @@ fn a_disk_that_fails_to_sync_or_to_truncate_loses_nothing() {
     finish(&workshop, "log");
 }
 
-/// A source may go only when the commit that completes its run outlasts a loss of power.
+/// A source may be moved only after the commit that completes its run is safe against a power failure.
 #[test]
 fn a_source_stays_as_long_as_its_run_is_not_synced() {
     let workshop = small::workshop();
     workshop.set("archive", "\"archive\"");
     let export = &BENCH.exports[0];
     put(&workshop, std::slice::from_ref(export));
-    // the schema is made; SQLite syncs the head of a new log, and from then on it cannot be synced
+    // the schema is created; SQLite syncs the header of a new log, and after that it cannot be synced
     fs::create_dir(workshop.path("none")).expect("a folder");
     workshop.stdout(&["ingest", "none"], 0);
     let settings = [SYNC, ("FAULT_PATH", "armwatch.db-wal"), EIO, ("FAULT_AFTER", "1")];
     let mut daemon = Faulty::start(&workshop, &settings);
-    // the kernel reports a lost write once, so the daemon cannot go on
+    // the kernel reports a lost write once, so the daemon cannot continue
     assert_eq!(daemon.end("archive"), Some(74), "{}", daemon.said());
     assert!(workshop.inbox(&export.name).exists(), "its run is not synced\n{}", daemon.said());
     assert_eq!(workshop.number("SELECT count(*) FROM runs WHERE status = 'complete'"), 1);
-    // a disk that is well again
+    // a repaired disk
     let mut daemon = Faulty::start(&workshop, &[]);
     wait_until(|| !workshop.inbox(&export.name).exists(), || daemon.said());
     daemon.stop("archive");
@@ -314,8 +314,7 @@ fn another_writer_that_holds_the_lock_is_waited_for_and_nothing_is_lost() {
     compare(&workshop, "locked");
 }
 
-/// A file system of its own that is full but for $SLACK bytes; the script ends with 99 where the machine gives
-/// none.
+/// A separate file system that is full except for $SLACK bytes; the script ends with 99 if the machine has none.
 const FULL_DISK: &str = r#"
 mount -t tmpfs -o size=8m tmpfs disk 2>/dev/null || exit 99
 "$ARMWATCH" ingest empty --db disk/armwatch.db >/dev/null 2>&1
@@ -330,7 +329,7 @@ cp disk/armwatch.db out/
 
 #[test]
 fn a_disk_that_is_really_full_stops_storing_and_quarantining_and_loses_nothing() {
-    // a name without a date is quarantined before anything else is stored of it
+    // an export without a date in its name is quarantined before any other data of it is stored
     let dateless = [export("A", 1, 5).named("A_20269999_0847.csv")];
     let cases = [(&BENCH.exports[..], "49152"), (&BENCH.exports[..], "300000"), (&dateless[..], "49152")];
     for (exports, slack) in cases {
@@ -347,8 +346,8 @@ fn a_disk_that_is_really_full_stops_storing_and_quarantining_and_loses_nothing()
     }
 }
 
-/// What the daemon says on a full disk, and a folder with the database after there was room again; `None` where
-/// the machine gives no file system.
+/// Messages of the daemon on a full disk, and a folder with the database after space was freed; `None` if the machine
+/// has no such file system.
 fn on_a_full_disk(exports: &[Export], slack: &str) -> Option<(String, Workshop)> {
     let workshop = small::workshop();
     put(&workshop, exports);

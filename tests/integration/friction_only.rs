@@ -9,7 +9,7 @@ use crate::support::Workshop;
 const STAGE: usize = 19;
 const JOINT: usize = 21;
 
-/// Rows of the reference export, those of `stage` with this number in `column`; other stages read as between.
+/// The header and the rows of the reference export that `keep` returns true for.
 fn part(keep: impl Fn(&[&str]) -> bool) -> String {
     let text = decompressed();
     let mut lines = text.lines();
@@ -53,13 +53,13 @@ fn the_friction_test_of_one_joint_in_a_file_gives_its_points() {
         assert!(remarks.contains(&format!("the friction stage tests joint {joint} only")), "{remarks}");
         assert!(!remarks.contains("excitation lasts") && !remarks.contains("stands still"), "{remarks}");
     }
-    // gravity by the fit of the file itself, as without a model
+    // gravity from a fit of the file itself, without a model
     let others = "SELECT COUNT(*) FROM friction_points WHERE robot LIKE 'J_' AND robot <> 'J' || joint";
     assert_eq!(workshop.number(others), 0);
 }
 
-/// Joint 5 of the ER3A moves by half a radian, once or to and fro, at a level of its speed; all else rests. Friction is
-/// 2 + 1 v, the load 0.4 cos(q + 0.3).
+/// Joint 5 of the ER3A moves by half a radian, once or back and forth, at a level of its speed; all other joints rest.
+/// Friction is 2 + 1 v, the load 0.4 cos(q + 0.3).
 fn moves_of_joint_5(back: bool, seed: u64) -> String {
     const ACCELERATION: f64 = 0.9;
     const SPEED: f64 = 0.279_25;
@@ -78,7 +78,7 @@ fn moves_of_joint_5(back: bool, seed: u64) -> String {
     };
     let mut state = seed;
     let mut noise = move || {
-        // twelve uniform numbers less six are nearly normal
+        // the sum of twelve uniform numbers minus six is nearly normal
         let mut uniform = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64

@@ -1,4 +1,4 @@
-//! The seeds of the fuzz targets, and some thousand inputs near them, pass the checks that fuzzing makes.
+//! The seeds of the fuzz targets, and some thousand inputs near them, pass the checks of fuzzing.
 
 use std::fs;
 use std::path::Path;
@@ -18,7 +18,7 @@ mod segment;
 /// Changed inputs of each seed; a few seconds for all targets.
 const CHANGED: usize = 150;
 
-/// What is put into an input: what separates, quotes, ends or begins numbers, lines and characters.
+/// Pieces that are inserted into an input: separators, quotes, ends and beginnings of numbers, lines and characters.
 const PIECES: [&[u8]; 24] = [
     b",",
     b";",

@@ -1,5 +1,5 @@
-//! The dashboards for Grafana: they keep the rules of its linter, every panel's statement has rows in a database of a
-//! fleet, and every PromQL expression is answered by a Prometheus that has scraped a daemon.
+//! The dashboards for Grafana: they follow the rules of its linter, every panel's statement has rows in a database of a
+//! fleet, and a Prometheus that has scraped a daemon answers every PromQL expression.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -14,14 +14,14 @@ use crate::http;
 use crate::small::{self, export};
 use crate::support::wait_until;
 
-/// The time shown, s since 1970: the year 2026.
+/// The displayed time, s since 1970: the year 2026.
 const SHOWN: (i64, i64) = (1_767_225_600, 1_798_761_599);
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("dashboards/grafana")
 }
 
-/// A dashboard as Grafana reads it.
+/// A dashboard of Grafana.
 struct Dashboard {
     name: String,
     json: Value,
@@ -34,7 +34,7 @@ struct Target<'d> {
 }
 
 impl Dashboard {
-    /// Those for a data source, `sqlite` or `prometheus`.
+    /// All dashboards for a data source, `sqlite` or `prometheus`.
     fn all(of: &str) -> Vec<Self> {
         let mut found: Vec<Self> = fs::read_dir(folder().join("dashboards").join(of))
             .expect("dashboards")
@@ -53,7 +53,7 @@ impl Dashboard {
         array(&self.json["templating"]["list"])
     }
 
-    /// Panels that show something.
+    /// Panels with content.
     fn panels(&self) -> impl Iterator<Item = &Value> {
         array(&self.json["panels"]).iter().filter(|panel| panel["type"] != "row")
     }
@@ -89,7 +89,7 @@ fn pattern(of: &str) -> regex::Regex {
 
 /// Rules of Grafana's dashboard-linter (template-datasource, panel-datasource, panel-title-description, panel-units,
 /// panel-no-targets, target-rate-interval, target-job, target-instance, template-job, template-instance,
-/// template-on-time-change-reload) and some of our own.
+/// template-on-time-change-reload) and additional ones.
 fn complaints(dashboard: &Dashboard, type_of_source: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut must = |holds: bool, what: String| {
@@ -252,7 +252,7 @@ fn the_rules_find_what_breaks_them() {
     }
 }
 
-/// A cell as the plugin gets it.
+/// A cell in the plugin's result.
 #[derive(Debug, Clone, PartialEq)]
 enum Cell {
     Null,
@@ -283,8 +283,8 @@ async fn ask(connection: &mut SqliteConnection, sql: &str) -> Result<Rows, sqlx:
     Ok(Rows { columns: columns.unwrap_or_default(), rows })
 }
 
-/// A statement as it reaches the database: Grafana replaces variables (`sqlstring` quotes each value and joins them by
-/// commas), then the plugin its macros (frser-sqlite-datasource, pkg/plugin/macros.go and variables.go).
+/// A statement in the form that reaches the database: Grafana replaces variables (`sqlstring` quotes each value and
+/// joins them by commas), then the plugin its macros (frser-sqlite-datasource, pkg/plugin/macros.go and variables.go).
 fn replaced(statement: &str, chosen: &BTreeMap<String, Vec<String>>) -> String {
     let variable = pattern(r"\$\{(\w+):sqlstring\}");
     let quoted = |value: &String| format!("'{}'", value.replace('\'', "''"));
@@ -308,7 +308,7 @@ fn replaced(statement: &str, chosen: &BTreeMap<String, Vec<String>>) -> String {
     statement.into_owned()
 }
 
-/// Time of a cell as the plugin takes it, s: a number of seconds, or text of RFC 3339.
+/// Time of a cell, s, as the plugin reads it: a number of seconds, or text of RFC 3339.
 fn seconds(title: &str, cell: &Cell) -> Option<f64> {
     match cell {
         Cell::Null => None,
@@ -321,7 +321,7 @@ fn seconds(title: &str, cell: &Cell) -> Option<f64> {
     }
 }
 
-/// What the plugin does with the rows: times must be times, and a time series must rise, with numbers beside it and
+/// Conditions of the plugin for the rows: times must be times. A time series must rise, with numbers as values and
 /// texts as names.
 fn check_rows(title: &str, target: &Value, answer: &Rows) {
     let times = array(&target["timeColumns"]);
@@ -345,7 +345,7 @@ fn check_rows(title: &str, target: &Value, answer: &Rows) {
     assert!(answer.columns.iter().all(|name| names.insert(name)), "{title}: {:?}", answer.columns);
 }
 
-/// What a small fleet does not come to by itself: an alarm, an index and temperatures, a baseline after work, a message
+/// Rows that a small fleet does not have: an alarm, an index and temperatures, a baseline after maintenance, a message
 /// that waits, an export that is being read, and a cycle without parameters.
 const MORE: &str = "
     INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, score, threshold, value, baseline, first_run_id, last_run_id,
@@ -419,7 +419,7 @@ fn every_sqlite_panel_has_rows_of_a_fleet() {
                 check_rows(&title, json, &answer);
                 panels += 1;
             }
-            // a robot whose name has a quote breaks nothing
+            // a quote in a robot's name must not break a statement
             let hostile =
                 chosen.keys().map(|name| (name.clone(), vec!["O'Neill') OR 1=1 --".to_owned()])).collect();
             for Target { title, json } in dashboard.targets() {
@@ -432,7 +432,7 @@ fn every_sqlite_panel_has_rows_of_a_fleet() {
     });
 }
 
-/// Ends a process with the test.
+/// A process that ends with the test.
 struct Running(Child);
 
 impl Drop for Running {
@@ -442,7 +442,7 @@ impl Drop for Running {
     }
 }
 
-/// Expressions that have no sample though all is well: there is no failed answer, no message, and no test is written.
+/// Metrics without a sample if all is well: no failed answer, no message, and no test that is being written.
 const SILENT: [&str; 7] = [
     "armwatch_live_",
     "armwatch_delivery_",
@@ -453,7 +453,7 @@ const SILENT: [&str; 7] = [
     "status=~\"critical|warning|unknown|overdue\"} == 1",
 ];
 
-/// A name of a figure without what histograms add to it.
+/// Name of a metric without the suffixes of histograms.
 fn family(name: &str) -> &str {
     ["_bucket", "_sum", "_count"].iter().find_map(|end| name.strip_suffix(end)).unwrap_or(name)
 }
@@ -477,7 +477,7 @@ fn every_promql_expression_is_answered_from_figures_of_a_daemon() {
     let told: BTreeSet<&str> =
         figures.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split(' ').next()).collect();
 
-    // whatever is written down names figures that there are, or those of files that grow, routes and quarantine
+    // documents and rules name existing metrics, or those of growing files, routes and quarantine
     let source = ["src/metrics.rs", "src/serve/metrics.rs"]
         .map(|file| fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).expect("a source"));
     let named = pattern(r"\b(?:armwatch|process)_[a-z_]*[a-z]\b");
@@ -499,7 +499,7 @@ fn every_promql_expression_is_answered_from_figures_of_a_daemon() {
     for name in &told {
         assert!(guide.contains(&format!("`{name}`")), "docs/metrics.md does not have {name}");
     }
-    // work that was done is counted
+    // stored cycles and exports are counted
     let value = |sample: &str| -> Option<f64> {
         figures.lines().find_map(|line| line.strip_prefix(sample)?.trim().parse().ok())
     };
@@ -535,10 +535,10 @@ fn every_promql_expression_is_answered_from_figures_of_a_daemon() {
     let query = |expression: &str| -> Option<Value> {
         let encoded: String = expression.bytes().map(|byte| format!("%{byte:02X}")).collect();
         let line = format!("GET /api/v1/query?query={encoded}");
-        // it says so in words while it is not ready
+        // the answer is plain text while it is not ready
         serde_json::from_str(&chunks(&http::try_send(prometheus_port, &line, "", b"")?)).ok()
     };
-    // two scrapes make a rate
+    // a rate needs two scrapes
     let scraped = || {
         let count = query("count_over_time(armwatch_build_info[1m])");
         let count = count.as_ref().map(|answer| text(&answer["data"]["result"][0]["value"][1]).to_owned());
@@ -568,7 +568,7 @@ fn every_promql_expression_is_answered_from_figures_of_a_daemon() {
     assert_eq!(daemon.end(), Some(0));
 }
 
-/// The body of an answer, which may have come in chunks.
+/// The body of an answer, which may be chunked.
 fn chunks(answer: &http::Answer) -> String {
     if answer.header("transfer-encoding") != Some("chunked") {
         return answer.body.clone();

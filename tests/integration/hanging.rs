@@ -24,7 +24,7 @@ static LIBRARY: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
     (folder, library)
 });
 
-/// A daemon whose calls of a kind hang on paths with `place` in them, as long as the file `hang` is there.
+/// A daemon whose calls of a kind hang on paths that contain `place`, as long as the file `hang` exists.
 fn daemon(workshop: &Workshop, call: &str, place: &str) -> Daemon {
     let log = OpenOptions::new().create(true).append(true).open(workshop.path("daemon.log")).expect("a log");
     let mut command = workshop.command(&["run"]);
@@ -38,7 +38,7 @@ fn daemon(workshop: &Workshop, call: &str, place: &str) -> Daemon {
     Daemon { child: command.spawn().expect("the daemon starts") }
 }
 
-/// A folder with two watched ones and a port, of which `slowshare` hangs.
+/// A folder with two watched ones and a port; `slowshare` hangs.
 fn workshop() -> (Workshop, u16) {
     let (workshop, port) = (small::workshop(), free_port());
     fs::create_dir(workshop.path("slowshare")).expect("a folder");
@@ -105,7 +105,7 @@ fn a_folder_that_hangs_stops_no_other_and_is_told() {
         assert!(metrics.contains("slowshare\"} 0\n") && metrics.contains("inbox\"} 1\n"), "{metrics}");
         ends_in_time(running);
 
-        // it comes back under a daemon at work
+        // the folder answers again while a daemon runs
         let running = daemon(&workshop, call, "slowshare");
         wait_until(|| workshop.log().matches("not looked at since").count() == 2, || workshop.log());
         fs::remove_file(workshop.path("hang")).expect("removed");
@@ -164,12 +164,13 @@ fn served(settings: &str) -> (Workshop, u16) {
     (workshop, port)
 }
 
-/// Lets the disk of the daemon hang and waits until it says so; what `/ready` and the metrics say then.
+/// Lets the disk of the daemon hang and waits for its message; returns the answers of `/ready` and the metrics after
+/// that.
 fn hangs(workshop: &Workshop, port: u16, what: &str) -> (Answer, String) {
     fs::write(workshop.path("hang"), "").expect("written");
     let said = || workshop.log().contains(&format!("the disk of {what} has not answered for 10 s"));
     wait_until(said, || workshop.log());
-    // an answer holds for a second
+    // an answer is cached for a second
     wait_until(|| get(port, "/ready").status == 503, || get(port, "/ready").body);
     (get(port, "/ready"), get(port, "/metrics").body)
 }
@@ -221,7 +222,7 @@ fn a_snapshot_or_a_spool_whose_disk_hangs_stops_neither_the_exports_nor_the_end(
         put(&workshop, "inbox", "B", 2);
         ["A", "B"].iter().for_each(|robot| workshop.wait_for(&stored(robot), 1));
         assert_eq!(get(port, "/health").status, 200);
-        // it comes back under a daemon at work
+        // the disk answers again while a daemon runs
         fs::remove_file(workshop.path("hang")).expect("removed");
         wait_until(|| workshop.log().contains("answers again"), || workshop.log());
         wait_until(|| get(port, "/ready").status == 200, || get(port, "/ready").body);
@@ -230,7 +231,7 @@ fn a_snapshot_or_a_spool_whose_disk_hangs_stops_neither_the_exports_nor_the_end(
     }
 }
 
-/// Lets a disk hang that has answered again.
+/// Lets a disk hang a second time after it has answered.
 fn hangs_again(workshop: &Workshop, what: &str) {
     fs::write(workshop.path("hang"), "").expect("written");
     let said = format!("the disk of {what} has not answered for 10 s");
@@ -244,7 +245,7 @@ fn a_configuration_that_does_not_come_leaves_the_earlier_one_in_force() {
     workshop.wait_for_a_look();
     let config = workshop.path("armwatch.toml");
     fs::rename(&config, workshop.path("kept.toml")).expect("renamed");
-    // nobody writes to it, so that opening it does not return
+    // opening it blocks, since it has no writer
     assert!(Command::new("mkfifo").arg(&config).status().expect("mkfifo runs").success());
     running.signal("HUP");
     let said = || workshop.log().contains("the configuration cannot be read: no answer for 5 s");
@@ -252,7 +253,7 @@ fn a_configuration_that_does_not_come_leaves_the_earlier_one_in_force() {
     put(&workshop, "inbox", "A", 1);
     let complete = || workshop.log().matches(" stored").count() > 0;
     wait_until(complete, || workshop.log());
-    // a writer ends the wait, with a configuration that is used then
+    // a writer ends the wait, and its configuration is used
     let kept = fs::read_to_string(workshop.path("kept.toml")).expect("the configuration");
     fs::write(&config, kept).expect("written");
     wait_until(|| workshop.log().contains("configuration read again"), || workshop.log());
@@ -303,7 +304,7 @@ fn a_link_publishes_no_secret() {
     workshop.wait_for(listed, 2);
     ends_in_time(running);
 
-    // followed, because the site says so: they are no exports, and are described
+    // followed, because the setting says so: they are no exports, and their content is described
     workshop.set("follow_links", "true");
     let running = workshop.daemon();
     workshop.wait_for(

@@ -1,5 +1,5 @@
-//! Names that forge lines, give orders to terminals, hide characters or are no text at all: they reach no output as they
-//! are, stay different, and lead back to their files.
+//! Names that forge lines, contain commands to terminals, hide characters or are no text at all. No output contains
+//! them unescaped; they stay different and lead to their files.
 
 use std::ffi::{OsStr, OsString};
 use std::fs;
@@ -11,7 +11,7 @@ use crate::robot_code;
 use crate::small::{export, workshop};
 use crate::support::{Workshop, text};
 
-/// Names of robots, as files have them, and as lines for people show them.
+/// Names of robots in files, and their form in lines for users.
 fn hostile() -> Vec<(Vec<u8>, String)> {
     let plain = |name: &str, shown: &str| (name.as_bytes().to_vec(), shown.to_owned());
     vec![
@@ -37,14 +37,14 @@ fn at(workshop: &Workshop, folder: &str, name: &[u8], ending: &str) -> PathBuf {
     workshop.path(folder).join(OsString::from_vec([name, ending.as_bytes()].concat()))
 }
 
-/// Puts an export of its own for each name into a folder.
+/// Puts a different export for each name into a folder.
 fn put(workshop: &Workshop, folder: &str) {
     for ((name, _), seed) in hostile().iter().zip(1..) {
         fs::write(at(workshop, folder, name, ".csv"), export("R", seed, 5).bytes).expect("written");
     }
 }
 
-/// Characters that a terminal obeys or does not show.
+/// Characters that a terminal executes or does not show.
 fn is_hidden(character: char) -> bool {
     character.is_control()
         || matches!(character, '\u{ad}' | '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
@@ -88,7 +88,7 @@ fn commands_show_each_name_on_its_line_and_json_has_it_as_it_is() {
     let robots: Vec<String> =
         as_json.lines().map(|line| json(line)["robot"].as_str().expect("a name").to_owned()).collect();
     for (name, shown) in &names {
-        // JSON has text unchanged, and other bytes escaped
+        // JSON has text unchanged, and escapes other bytes
         let expected =
             std::str::from_utf8(name).ok().filter(|name| !name.starts_with("lat")).unwrap_or(shown);
         assert!(robots.iter().any(|robot| robot == expected), "{expected:?}\n{robots:?}");

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::support::text;
 
-/// What a daemon has answered.
+/// The answer of a daemon.
 pub struct Answer {
     pub status: u16,
     pub head: String,
@@ -26,12 +26,12 @@ impl Answer {
     }
 }
 
-/// A port that was free a moment ago.
+/// A port that was just free.
 pub fn free_port() -> u16 {
     std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port()
 }
 
-/// Sends a request, with the length of its body unless that is chunked; `None` without an answer.
+/// Sends a request, with the length of its body except if that is chunked; `None` without an answer.
 pub fn try_send(port: u16, line: &str, headers: &str, body: &[u8]) -> Option<Answer> {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).ok()?;
     stream.set_read_timeout(Some(Duration::from_secs(60))).ok()?;
@@ -42,7 +42,7 @@ pub fn try_send(port: u16, line: &str, headers: &str, body: &[u8]) -> Option<Ans
     let host = if headers.contains("Host: ") { "" } else { "Host: localhost\r\n" };
     let head = format!("{line} HTTP/1.1\r\n{host}Connection: close\r\n{headers}{length}\r\n");
     stream.write_all(head.as_bytes()).ok()?;
-    // an answer may come before all is sent
+    // an answer may arrive before all is sent
     let _ = stream.write_all(body);
     answer(&mut stream)
 }
@@ -50,7 +50,7 @@ pub fn try_send(port: u16, line: &str, headers: &str, body: &[u8]) -> Option<Ans
 /// Reads an answer to the end of its connection.
 pub fn answer(stream: &mut TcpStream) -> Option<Answer> {
     let mut bytes = Vec::new();
-    // a closed connection after the answer is as good as its end
+    // a connection that is closed after the answer is its end
     let _ = stream.read_to_end(&mut bytes);
     let all = text(&bytes);
     let (head, body) = all.split_once("\r\n\r\n")?;

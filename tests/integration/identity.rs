@@ -1,4 +1,4 @@
-//! Which recording a file is, and what its stored cycles were made with.
+//! Identity of recordings and files, and the settings that stored cycles depend on.
 
 use std::fs;
 
@@ -10,7 +10,7 @@ use crate::support::{Daemon, Workshop, assert_alike, text};
 
 const RUNS: &str = "SELECT source_name, kind, status FROM runs ORDER BY run_id";
 
-/// Writes a file into the folder and takes it; what is said of it on standard error.
+/// Writes a file into the folder and ingests it; returns the standard error.
 fn take(workshop: &Workshop, export: &Export) -> String {
     fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
     let file = workshop.inbox(&export.name).display().to_string();
@@ -89,7 +89,7 @@ fn a_recording_that_takes_a_place_and_begins_otherwise_is_warned_of_and_the_othe
         workshop.query("SELECT status, superseded_by_run_id FROM runs ORDER BY run_id"),
         ["superseded|2", "superseded|3", "complete|"]
     );
-    // as the warning says
+    // the remedy of the warning
     take(&workshop, &corrected.named("A_20260105_0848_corrected.csv"));
     assert_eq!(
         workshop.query("SELECT status, started_at FROM runs ORDER BY run_id"),
@@ -106,7 +106,7 @@ fn a_recording_without_any_result_does_not_replace_one_with_results() {
     let workshop = small::workshop();
     let good = export("A", 1, 5).named("A_20260105_0847_one.csv");
     take(&workshop, &good);
-    // the drive was off: no torque in any row
+    // the drive was off: zero torque in every row
     let dead = good.with(|text| {
         let header = text.lines().next().expect("a header");
         let is_torque: Vec<bool> = header.split(',').map(|name| name.starts_with("trq_")).collect();
@@ -124,17 +124,17 @@ fn a_recording_without_any_result_does_not_replace_one_with_results() {
         let said = text(&output.stderr);
         assert_eq!(workshop.query(runs), ["complete|1|".replace("|1|", "||"), loser.into()], "{said}");
     }
-    // the same at the path of the first, whose content is gone then
+    // the same content at the path of the first, whose content is then lost
     fs::write(workshop.inbox(&good.name), dead.with(|text| format!("{text}\n")).bytes).expect("written");
     workshop.run(&["ingest", "inbox"]);
     assert_eq!(workshop.query(runs), ["complete||".into(), loser.to_owned(), loser.to_owned()]);
-    // one with results takes the place
+    // one with results supersedes it
     take(&workshop, &export("A", 2, 5).named("A_20260105_0847_three.csv"));
     let status = "SELECT status, superseded_by_run_id FROM runs ORDER BY run_id";
     assert_eq!(workshop.query(status), ["superseded|4", "superseded|1", "superseded|1", "complete|"]);
 }
 
-/// The same file explained and then taken: what is said is done.
+/// The explanation of a file before it is ingested.
 fn explained(workshop: &Workshop, export: &Export) -> serde_json::Value {
     fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
     let file = workshop.inbox(&export.name).display().to_string();
@@ -148,7 +148,7 @@ fn explain_decides_as_ingest_does_and_writes_nothing() {
     let first = export("A", 1, 5).named("A_20260105_0847_one.csv");
     take(&workshop, &first);
     take(&workshop, &export("A", 2, 5).named("A_20260105_0847_two.csv"));
-    // superseded by a file of another name, it stays so
+    // superseded by a file of another name, it stays superseded
     let said = explained(&workshop, &first);
     assert_eq!((said["next"].as_str(), said["run_id"].as_i64()), (Some("nothing"), Some(1)), "{said}");
     take(&workshop, &first);
@@ -157,7 +157,7 @@ fn explain_decides_as_ingest_does_and_writes_nothing() {
         ["superseded|2", "complete|"]
     );
 
-    // what was written down of a file that could not be read is looked over, and taken away when it is taken
+    // an entry about a file that could not be read is checked again, and deleted when the file is stored
     let name = "A_20260106_0847_three.csv";
     let path = workshop.inbox(name);
     let hash = blake3::hash(path.as_os_str().as_encoded_bytes()).to_hex();
@@ -178,7 +178,7 @@ fn explain_decides_as_ingest_does_and_writes_nothing() {
     assert_eq!(workshop.query(open), ["0"]);
 }
 
-/// A workshop whose logs of work are cut into windows of so many seconds.
+/// Sets the length of the windows of production logs in a workshop.
 fn with_windows(workshop: &Workshop, seconds: u32) {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/config/exports/production.toml");
     let layout = fs::read_to_string(shipped).expect("the layout");
@@ -189,7 +189,7 @@ fn with_windows(workshop: &Workshop, seconds: u32) {
     fs::write(&path, config.replace(shipped, "production.toml")).expect("written");
 }
 
-/// A daemon that has seen a file grow to `bytes`; what it does not see grow is read once it has settled.
+/// Starts a daemon that has seen a file grow to `bytes`; unseen growth is read only after the file has settled.
 fn begin_to_grow(workshop: &Workshop, path: &std::path::Path, bytes: &[u8]) -> Daemon {
     use std::io::Write;
     let (begin, rest) = bytes.split_at(bytes.len() / 4);
@@ -215,7 +215,7 @@ fn windows_of_another_length_are_cut_from_the_start_of_a_log_that_is_half_stored
     let half = log.bytes.len() / 2;
     let path = workshop.inbox(&log.name);
     let daemon = begin_to_grow(&workshop, &path, &log.bytes[..half]);
-    // more windows of the one length than the whole log has of the other
+    // more windows of this length than the whole log has of the other length
     workshop.wait_for(&format!("SELECT count(*) > {windows} FROM cycles"), 1);
     daemon.signal("KILL");
     daemon.end();
@@ -231,7 +231,7 @@ fn windows_of_another_length_are_cut_from_the_start_of_a_log_that_is_half_stored
     assert!(workshop.log().contains("read from the start"), "{}", workshop.log());
 }
 
-/// A database that refuses the end of a run, whatever the reason.
+/// A database that refuses the end of a run.
 const REFUSING: &str = "CREATE TRIGGER refusing BEFORE UPDATE OF status ON run WHEN NEW.status = 'complete'
                         BEGIN SELECT RAISE(ABORT, 'no run may end'); END";
 
@@ -282,7 +282,7 @@ fn a_stored_export_is_found_again_whatever_folder_a_command_is_called_in() {
     assert!(output.status.success(), "{}", crate::support::text(&output.stderr));
 }
 
-/// The file's time is that of its last row, whether it was read while it was written or afterwards.
+/// The file's time is that of its last row, also if it was read while it was written.
 #[test]
 fn a_recording_whose_name_says_no_start_began_its_duration_before_its_file_was_written() {
     let export = export("A", 1, 5).named("A.csv");
@@ -327,7 +327,7 @@ fn a_recording_whose_name_says_no_start_began_its_duration_before_its_file_was_w
     assert!((found - duration).abs() < 2e-3, "{found} {duration}");
 }
 
-/// Any file that ends with .csv may lie in a watched folder.
+/// Any file that ends with .csv may be in a watched folder.
 #[test]
 fn a_file_that_is_no_export_makes_no_robot() {
     let workshop = small::workshop();
@@ -342,7 +342,7 @@ fn a_file_that_is_no_export_makes_no_robot() {
     );
 }
 
-/// As `cp -p` and `rsync -t` do it.
+/// The time is kept as by `cp -p` and `rsync -t`.
 #[test]
 fn a_corrected_export_of_the_same_size_and_time_is_read() {
     let workshop = small::workshop();

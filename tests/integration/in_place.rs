@@ -1,5 +1,4 @@
-//! The database file and the path that leads to it: what goes under a program that has it open, and one daemon under all its
-//! names.
+//! The database file and its path: replacement while a program has it open, and one daemon for all its names.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -56,13 +55,13 @@ fn a_daemon_whose_database_goes_from_its_path_ends_and_archives_nothing_more() {
         let later = put(&workshop, "A", 2, 6);
         assert_eq!(daemon.end(), Some(74), "{way}: {}", workshop.log());
         assert!(later.exists(), "{way}: archived\n{}", workshop.log());
-        // what goes wrong is said once the log is closed, with what to do
+        // the error is reported after the log is closed, with the remedy
         let said = workshop.log();
         assert!(said.contains(MOVED) && said.contains("start again"), "{way}: {said}");
         if way == "folder renamed" {
             fs::rename(workshop.path("other"), workshop.path("data")).expect("back");
         }
-        // started again, it takes what is there and reads the rest
+        // after a restart, the daemon uses the present database and reads the rest
         let daemon = workshop.daemon();
         wait_until(|| !later.exists(), || format!("{way}: not archived\n{}", workshop.log()));
         daemon.signal("TERM");
@@ -85,7 +84,7 @@ fn readiness_and_metrics_know_that_the_database_is_gone_before_the_daemon_looks(
     assert!(asked("GET /metrics").expect("figures").body.contains("\narmwatch_database_up 1\n"));
     assert_eq!(asked("GET /ready").expect("an answer").json()["reason"], serde_json::Value::Null);
     fs::remove_file(workshop.path("data/armwatch.db")).expect("deleted");
-    // what was said holds for a second
+    // an answer is cached for a second
     wait_until(|| !is_ready(), || "it stays ready".to_owned());
     let said = asked("GET /ready").expect("an answer").json();
     assert_eq!((&said["ready"], &said["database"]), (&false.into(), &false.into()), "{said}");
@@ -117,7 +116,7 @@ fn a_second_daemon_is_refused_under_every_name_of_the_database() {
     assert_eq!(workshop.query("PRAGMA integrity_check"), ["ok"]);
 }
 
-/// A first start as root leaves a lock file that the user of the service may not open.
+/// A first start as root leaves a lock file that the user of the service cannot open.
 #[test]
 fn a_lock_file_of_root_is_named_by_the_daemon_and_by_doctor() {
     const USER: u32 = 65_534;
@@ -134,7 +133,7 @@ fn a_lock_file_of_root_is_named_by_the_daemon_and_by_doctor() {
         command.args(arguments).current_dir(workshop.path("")).stdin(Stdio::null()).uid(USER).gid(USER);
         command.output().ok().filter(|_| own("").is_ok() && own("armwatch.db").is_ok())
     };
-    // the first call hands over the folder
+    // the first call changes the owner of the folder
     if as_user(&["--version"]).is_none() || as_user(&["config", "show"]).is_none_or(|of| !of.status.success())
     {
         println!("skipped: no other user can run the program here");
@@ -147,7 +146,7 @@ fn a_lock_file_of_root_is_named_by_the_daemon_and_by_doctor() {
     let doctor = text(&as_user(&["doctor", "--quick"]).expect("it runs").stdout);
     let problem = doctor.lines().find(|line| line.contains("the lock file")).unwrap_or_default();
     assert!(problem.starts_with("problem") && problem.contains("chown"), "{doctor}");
-    // root hands it to the owner of the database
+    // root changes the owner of the lock file to that of the database
     let daemon = workshop.daemon();
     workshop.wait_for_a_look();
     daemon.signal("TERM");
@@ -183,7 +182,7 @@ fn an_address_is_never_the_name_of_a_file() {
     assert_eq!(names, ["armwatch.toml", "inbox"]);
 }
 
-/// A small ext4 has blocks of 1 KiB. Full, it must not end the program by a signal.
+/// A small ext4 has blocks of 1 KiB. A full one must not end the program by a signal.
 #[test]
 fn a_full_disk_with_small_blocks_is_said_to_be_full() {
     const SCRIPT: &str = r#"

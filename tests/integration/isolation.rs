@@ -1,4 +1,4 @@
-//! What fails for one robot concerns that robot alone. A trigger in the database stands for values that it refuses.
+//! A failure of one robot affects only that robot. A trigger in the database simulates refused values.
 
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions, Executor};
@@ -9,7 +9,7 @@ const FAULTS: &str = "SELECT robot, tries > 0, reason LIKE '%poisoned%' FROM con
 
 const OF_B: &str = "SELECT COUNT(*) FROM robot WHERE name = 'B' AND history > 0 AND history = concluded";
 
-/// Lets the database refuse conclusions of robot A.
+/// Makes the database refuse conclusions of robot A.
 fn poison(workshop: &Workshop) {
     change(
         workshop,
@@ -52,14 +52,14 @@ fn a_robot_whose_conclusions_are_refused_is_marked_and_holds_up_nobody() {
     };
     assert_eq!((said("ERROR"), said("WARN")), (1, 0), "{}", workshop.log());
 
-    // a new start says so once, and goes on with the others
+    // a restart reports it once, and continues with the others
     let daemon = workshop.daemon();
     put(&workshop, "B", "13");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE robot = 'B' AND status = 'complete'", 2);
     workshop.wait_for(OF_B, 1);
     assert_eq!((said("ERROR"), said("WARN")), (1, 1), "{}", workshop.log());
 
-    // what made it fail is gone, and another run is tried at once
+    // the reason is removed, and another run is tried at once
     change(&workshop, "DROP TRIGGER poison");
     put(&workshop, "A", "14");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE robot = 'A' AND status = 'complete'", 2);

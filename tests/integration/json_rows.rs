@@ -1,4 +1,5 @@
-//! JSON as a contract: keys and types of the output of commands, rows of commands compared with rows of views, units of anomalies.
+//! JSON as a contract: keys and types of the output of commands, rows of commands compared with rows of views, units of
+//! anomalies.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -8,10 +9,10 @@ use serde_json::Value;
 
 use crate::support::{Workshop, text};
 
-/// Commands, and the keys and types that each prints with `--json`. A key whose lists are all empty has no type.
+/// Commands, and the keys and types of each with `--json`. A key whose lists are all empty has no type.
 const SHAPES: &str = include_str!("../fixtures/json_shapes.txt");
 
-/// Tests of an arm whose joint 3 wears, and an export that breaks off within a row.
+/// Tests of an arm whose joint 3 wears, and an export that ends within a row.
 fn exports(workshop: &Workshop) {
     let shape = ["--runs", "8", "--cycles", "2", "--name", "R01", "--seed", "11"];
     let fault = ["--fault", "wear:joint=3,from=5,rate=0.08"];
@@ -88,7 +89,7 @@ fn rows_of_commands_are_rows_of_views() {
     };
     let rows = |command: &[&str]| parsed(workshop.stdout(&[command, &["--json"]].concat(), 0));
     let view = |sql: &str| rows(&["sql", sql]);
-    // the key of the command and the column of the view if they differ; JSON in text is not compared
+    // the key of the command and the column of the view, if they differ; JSON in text is not compared
     for (command, sql, renamed, other) in [
         (
             &["alerts", "list", "--all"][..],
@@ -136,7 +137,7 @@ fn each_quantity_of_a_torque_signal_has_one_unit() {
     let shown = workshop.stdout(&["alerts", "list", "--robot", "Off", "--json"], 0);
     let shown: Value = serde_json::from_str(shown.lines().next().expect("an alarm")).expect("JSON");
     assert_eq!((&shown["quantity"], &shown["unit"]), (&"torque_offset_nm".into(), &"Nm".into()));
-    // the list of quantities says the same of all
+    // the list of quantities has the same unit
     let listed = workshop.stdout(&["alerts", "quantities", "--json"], 0);
     let offset: Value = listed
         .lines()

@@ -1,4 +1,4 @@
-//! A layout is proposed for an export of another house, and the export then gives the same results.
+//! A layout is proposed for an export from another site, and the export then gives the same results.
 
 use std::fs;
 
@@ -9,8 +9,8 @@ use crate::support::{REFERENCE_NAME, Workshop, query, reference, text};
 /// number.
 const EQUAL: f64 = 1e-6;
 
-/// The reference export as a German test stand would write it: another header, degrees, milliseconds, decimal
-/// commas, a line above the header, UTF-16.
+/// The reference export in the form of a German test stand: another header, degrees, milliseconds, decimal commas, a
+/// line above the header, UTF-16.
 fn german() -> Vec<u8> {
     let native = decompressed();
     let mut text = String::from("Prüfstand 4\r\n");
@@ -86,14 +86,14 @@ fn a_proposal_is_tried_on_its_own_file_before_it_is_written() {
     let trial = &value["trial"];
     assert_eq!((&trial["sound"], &trial["rows"]), (&true.into(), &rows.into()), "{json}");
     assert_eq!((&trial["cycles"], &trial["identified"]), (&5.into(), &true.into()), "{json}");
-    // without a description, the file is read and nothing identified
+    // without a description, the file is read and no parameters are identified
     let read = workshop.stdout(&["layout", "infer", "R00_20260105_0847.csv"], 0);
     assert!(
         read.contains("# Not identified: that needs a description") && read.contains(&rows.to_string()),
         "{read}"
     );
 
-    // a cell far down that is no number: the layout is written, and says that it fails
+    // a cell far down is not a number: the layout is written, with a note about the failure
     let broken: Vec<String> = native
         .lines()
         .enumerate()
@@ -107,7 +107,7 @@ fn a_proposal_is_tried_on_its_own_file_before_it_is_written() {
     assert!(first.starts_with("# THE TRIAL FAILED: this layout does not read its own file: "), "{layout}");
     assert!(first.contains(&format!("line {}", rows - 9)), "{layout}");
 
-    // an arm that is another one: every cycle is refused, and the head says why
+    // another arm: every cycle is refused, and the header has the reason
     let turned: Vec<String> = native
         .lines()
         .enumerate()
@@ -158,7 +158,7 @@ fn a_layout_is_written_whole_and_needs_none_that_exists() {
     let workshop = Workshop::new();
     workshop.add_reference("inbox");
     let export = format!("inbox/{REFERENCE_NAME}");
-    // a configuration whose layout is what is about to be made
+    // the configured layout does not exist yet
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
     let config: Vec<&str> =
         config.lines().map(|l| if l.starts_with("layout") { "layout = \"cell4.toml\"" } else { l }).collect();
@@ -176,7 +176,7 @@ fn a_layout_is_written_whole_and_needs_none_that_exists() {
     let bad = ["layout", "infer", "armwatch.toml", "-o", "cell4.toml", "--force"];
     assert_eq!(workshop.run(&bad).status.code(), Some(2));
     assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("as it was"), "# by hand\n");
-    // the export is not written to, whatever is asked for, and no database is
+    // the export and a database are never overwritten, whatever the options
     let before = fs::read(workshop.path(&export)).expect("the export");
     fs::write(workshop.path("own.db"), "SQLite format 3\0").expect("a database");
     workshop.stdout(&[&infer[..], &["--force"]].concat(), 0);

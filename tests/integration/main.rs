@@ -1,7 +1,7 @@
-//! Tests of the program as its users meet it: the real binary, real files, a real database.
+//! Tests of the program from the user's side: the real binary, real files, a real database.
 //!
-//! `support` starts things; every other module is named after what it looks at. Tests of one
-//! function stand beside the function.
+//! `support` has common helpers; every other module is named after its subject. Unit tests of functions are in the
+//! sources.
 
 #![expect(
     clippy::expect_used,

@@ -1,5 +1,5 @@
-//! `armwatch maintenance`: work on a robot begins a new baseline, and an entry that is taken back leaves no trace in
-//! what is concluded.
+//! `armwatch maintenance`: maintenance of a robot begins a new baseline, and a withdrawn entry leaves no trace in
+//! conclusions.
 
 use std::fs;
 
@@ -53,7 +53,7 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
         serde_json::from_str(&workshop.stdout(&["maintenance", "--list", "Left", "--json"], 0))
             .expect("JSON");
     assert_eq!((&listed["joint"], &listed["by"]), (&3.into(), &"mueller".into()));
-    // as the view has them, so that both can be joined by time
+    // times are equal to those of the view, so that both can be joined by time
     let times = format!(
         "{}|{}",
         listed["at"].as_str().expect("a time"),

@@ -1,11 +1,11 @@
-//! Files of makers give the same results as the native export of the same test.
+//! Files of manufacturers give the same results as the native export of the same test.
 
 use std::fs;
 
 use crate::support::{Workshop, query};
 
-/// The binary files keep all digits, and a scale of the header costs the last one. The identification multiplies that by
-/// its condition number.
+/// The binary files keep all digits, except that a scale of the header costs the last one. The identification
+/// multiplies that error by its condition number.
 const EQUAL: f64 = 1e-7;
 
 fn figures(workshop: &Workshop, database: &str) -> Vec<f64> {
@@ -34,7 +34,7 @@ fn trace(names: &[&str], rows: &[Vec<&str>]) -> (String, Vec<u8>) {
     (header, values.flat_map(f64::to_le_bytes).collect())
 }
 
-/// The same as TwinCAT Scope writes it, in German.
+/// The same in the format of TwinCAT Scope, in German.
 fn scope(names: &[&str], rows: &[Vec<&str>]) -> String {
     let line = |cells: Vec<String>| cells.join("\t") + "\r\n";
     let mut text =
@@ -92,12 +92,12 @@ fn a_trace_and_a_scope_export_give_the_results_of_the_native_export() {
         for (a, b) in found.iter().zip(&expected) {
             assert!((a - b).abs() <= EQUAL * b.abs().max(1.0), "{folder}: {a} {b}");
         }
-        // all files of the export are its identity
+        // the identity of the export includes all its files
         let again = workshop.run(&["ingest", folder, "--db", &database, "--config", config]);
         assert!(String::from_utf8_lossy(&again.stdout).contains("known"), "{again:?}");
     }
 
-    // a trace that was not copied to its end is refused, and taken when it is whole
+    // an incompletely copied trace is refused, and stored when it is complete
     fs::create_dir(workshop.path("late")).expect("a folder");
     let whole = fs::read(workshop.path("trace/R01_20260105_0847.r64")).expect("values");
     fs::copy(workshop.path("trace/R01_20260105_0847.dat"), workshop.path("late/R01_20260105_0847.dat"))

@@ -1,4 +1,4 @@
-//! The program under a limit of its memory, with exports that would take more than there is.
+//! The program under a memory limit, with exports that would need more memory than that.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -7,20 +7,20 @@ use std::process::{Command, Stdio};
 
 use crate::support::{Workshop, pass, peak_kb, text};
 
-/// The address space that the program may take, kB.
+/// Limit of the program's address space, kB.
 const ADDRESSES_KB: u64 = 1 << 20;
 
-/// Most memory that it may have at any moment, kB.
+/// Limit of the program's peak memory, kB.
 const MOST_KB: u64 = 300_000;
 
-/// What a run under the limit came to.
+/// Result of a run under the limit.
 struct Confined {
     code: Option<i32>,
     peak_kb: u64,
     said: String,
 }
 
-/// Runs the program with so little address space that it is killed when it takes gigabytes.
+/// Runs the program with so little address space that it is killed before it allocates gigabytes.
 fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
     let limit = format!("ulimit -v {ADDRESSES_KB}; exec \"$0\" \"$@\"");
     let said = workshop.path("said.txt");
@@ -28,7 +28,7 @@ fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
         .args(["-c", &limit, env!("CARGO_BIN_EXE_armwatch")])
         .args(arguments)
         .current_dir(workshop.path(""))
-        // each arena of the allocator takes addresses, and a machine with many processors has many
+        // each arena of the allocator uses address space, and a machine with many processors has many
         .env("MALLOC_ARENA_MAX", "2")
         .stdin(Stdio::null())
         .stdout(fs::File::create(&said).expect("a file"))
@@ -47,7 +47,7 @@ fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
     Confined { code: status.code(), peak_kb: peak, said: read("said.txt") + &read("errors.txt") }
 }
 
-/// An export of an arm with six joints that stands still: of each row time, stage and, if there is one, the cycle, then
+/// An export of a six-joint arm that stands still. Each row has time, stage and, if there is one, the cycle, then
 /// `further` columns that no layout names.
 fn still(
     rows: Range<u32>,
@@ -73,7 +73,7 @@ fn still(
     export
 }
 
-/// The rows of a simulated export of one cycle, again and again, `rows` of them, with a cycle counter that counts `every` rows.
+/// The rows of a simulated export of one cycle, repeated to `rows` rows, with a cycle counter that counts `every` rows.
 fn counting_rows(simulated: &str, rows: usize, every: usize) -> String {
     let mut lines = simulated.lines();
     let header = lines.next().expect("a header");
@@ -94,7 +94,7 @@ fn counting_rows(simulated: &str, rows: usize, every: usize) -> String {
     export
 }
 
-/// Exports, each with the words of its reason; the first of them took gigabytes.
+/// Exports, each with the words of its reason; the first of them used gigabytes before the limit.
 fn mutations(simulated: &str) -> Vec<(String, &'static str)> {
     const COUNTS_ROWS: &str = "the column cycle counts rows, not cycles: 100 cycles in a row have 1 row each";
     const TOO_OFTEN: &str = "the column cycle changes too often to count cycles: 100 cycles in a row";
@@ -129,7 +129,7 @@ fn mutations(simulated: &str) -> Vec<(String, &'static str)> {
         (still(1..4000, 0.004, |row| ([1, 1, 3, 0, 0, 2][row as usize % 6], None), 0), FLICKERS),
         (still(1..4000, 0.004, |_| (0, None), 0), "no stage signal"),
         (still(1..4000, 0.004, |row| (0, counted(row)), 0), "no stage signal"),
-        // further columns
+        // additional columns
         (still(1..400, 0.004, |row| (1, counted(row)), 2000), COUNTS_ROWS),
     ];
     for rows in [2, 3, 5, 8, 13, 21, 31] {
@@ -185,7 +185,7 @@ fn a_cycle_counter_that_counts_rows_is_told_by_the_daemon_and_by_explain_too() {
     assert!(peak_kb <= MOST_KB, "{peak_kb} kB");
 }
 
-/// Each line took 16 bytes.
+/// Regression: each line used 16 bytes.
 #[test]
 fn a_layout_is_inferred_from_a_file_of_line_ends_in_little_memory() {
     let workshop = Workshop::new();
@@ -195,8 +195,8 @@ fn a_layout_is_inferred_from_a_file_of_line_ends_in_little_memory() {
     assert!(peak_kb <= 150_000, "{peak_kb} kB");
 }
 
-/// A cycle whose analysis would take more memory than all cycles may have is refused; the row does not depend on how the file
-/// is read.
+/// A cycle whose analysis would need more than the memory limit of all cycles is refused; the row is the same however
+/// the file is read.
 #[test]
 fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
     let workshop = Workshop::new();
@@ -206,7 +206,7 @@ fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
         fs::write(&path, format!("[limits]\ncycles_max_bytes = {bytes}\n\n{config}"))
             .expect("a configuration");
     };
-    // 30,000 rows of 160 bytes or so in one cycle
+    // 30,000 rows of about 160 bytes in one cycle
     let export = still(1..30_001, 0.01, |_| (1, Some("1".to_owned())), 0);
     fs::write(workshop.inbox("R01_20260105_0847.csv"), export).expect("written");
     set(2_000_000);
@@ -227,7 +227,7 @@ fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
     assert!(!said.contains("no cycle boundary"), "{said}");
 }
 
-/// Windows of ordinary work may be short: all of them are stored, one after the other.
+/// Windows of production may be short: all of them are stored, one after the other.
 #[test]
 fn windows_of_one_row_take_no_more_memory_than_their_rows() {
     let workshop = Workshop::new();

@@ -1,4 +1,4 @@
-//! Tests of which every cycle is refused: never taken for healthy ones.
+//! Tests with all cycles refused: never reported as healthy.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use crate::support::Workshop;
 
 const STATUS: &str = "SELECT DISTINCT status, last_run_at, last_result_at FROM fleet_health";
 
-/// Six healthy tests of R01, ingested, and the next one, healthy too, which is not.
+/// Six healthy tests of R01, ingested, and the next healthy one, not ingested.
 pub fn watched() -> (Workshop, String) {
     let workshop = Workshop::new();
     let shape = ["--runs", "7", "--cycles", "2", "--warming-s", "0", "--name", "R01", "--seed", "11"];
@@ -64,14 +64,14 @@ fn a_stuck_channel_leaves_every_joint_unknown_and_is_named() {
     let message = workshop.query("SELECT message FROM anomalies").remove(0);
     assert!(message.contains("joint 4: the torque signal stands at 0"), "{message}");
 
-    // six joints with one reason are a line, whatever was known of each before
+    // six joints with one reason are one line, whatever the earlier knowledge about each
     let status = workshop.stdout(&["status"], 0);
     let told = "R01: all joints: the latest test gave no result: all 2 cycles were refused: joint 4: the torque signal";
     assert!(status.contains(told), "{status}");
     assert_eq!(status.matches("the latest test gave no result").count(), 1, "{status}");
     assert!(!status.contains("known last"), "{status}");
 
-    // its page says that reason in its conclusions and among what is not known
+    // the report has that reason in its conclusions and in its list of unknown joints
     workshop.stdout(&["report", "R01", "-o", "report.html"], 0);
     let page = fs::read_to_string(workshop.path("report.html")).expect("a page");
     assert_eq!(page.matches("The latest test gave no result: all 2 cycles were refused").count(), 2);
@@ -81,11 +81,11 @@ fn a_stuck_channel_leaves_every_joint_unknown_and_is_named() {
         assert!(!page.contains(wrong), "{wrong}");
     }
 
-    // the same export again is no better
+    // the same export again is still refused
     let again = workshop.stdout(&["ingest", stuck.to_str().expect("a path")], 1);
     assert!(again.contains("known") && again.contains("joint 4: the torque signal stands at 0"), "{again}");
 
-    // a test with results ends it
+    // a test with results ends the anomaly
     let healthy = workshop.path("R01_20260215_0800_healthy.csv");
     fs::write(&healthy, &next).expect("written");
     workshop.stdout(&["ingest", healthy.to_str().expect("a path")], 0);
@@ -142,7 +142,7 @@ fn a_robot_whose_latest_export_is_in_quarantine_is_unknown() {
     let told = "SELECT count(*) FROM fleet_health
                 WHERE status = 'unknown' AND reason LIKE 'the latest export, R01_20260214_0800_broken.csv, is in quarantine: %trq_4%'";
     assert_eq!(workshop.number(told), 6, "{:?}", workshop.query("SELECT status, reason FROM fleet_health"));
-    // an old one changes nothing
+    // an old export changes nothing
     let workshop = watched().0;
     let old = workshop.path("R01_20251224_0800_broken.csv");
     fs::write(&old, "time\n0\n").expect("written");

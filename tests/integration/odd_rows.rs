@@ -1,5 +1,5 @@
-//! Exports whose rows or times are not as they should be and are understood: the whole program gives the cycles of the
-//! undisturbed export, and says what it did.
+//! Exports with unusual but understandable rows or times: the whole program gives the cycles of the undisturbed export,
+//! and reports its corrections.
 
 use std::f64::consts::{PI, TAU};
 use std::fs;
@@ -17,7 +17,7 @@ fn joined(cells: &Cells) -> String {
     cells.iter().map(|row| row.join(",") + "\n").collect()
 }
 
-/// The export with the number in each cell of a column changed, from the row's number and all of its cells.
+/// The export with a changed number in each cell of a column; `change` gets the row's index and the number.
 fn with_column(cells: &Cells, name: &str, change: impl Fn(usize, f64) -> String) -> Cells {
     let column = cells[0].iter().position(|of| of == name).expect(name);
     let mut changed = cells.clone();
@@ -27,7 +27,7 @@ fn with_column(cells: &Cells, name: &str, change: impl Fn(usize, f64) -> String)
     changed
 }
 
-/// Status of the cycles and remarks of an export, as `explain` gives them.
+/// Status of the cycles and remarks of an export, from `explain`.
 fn explained(workshop: &Workshop, text: &[u8]) -> (Vec<bool>, String) {
     let file = workshop.path("R01_20260105_0847_x.csv");
     fs::write(&file, text).expect("written");
@@ -94,7 +94,7 @@ fn a_test_over_midnight_or_a_change_of_clocks_is_one_recording() {
         let of_day = ms / 1000 % 86_400;
         format!("{:02}:{:02}:{:02}.{:03}", of_day / 3600, of_day / 60 % 60, of_day % 60, ms % 1000)
     };
-    // the turn comes 30 s after the start
+    // the jump of the clock is 30 s after the start
     let cases: [(&str, &str, &str, f64, f64); 3] = [
         ("", "starts again from zero, as at midnight", "format = \"%H:%M:%S.%f\"", 86_370.0, 0.0),
         ("2026-10-25 ", "set back by one hour", "unit = \"timestamp\"", 3.0 * 3600.0 - 30.0, -3600.0),

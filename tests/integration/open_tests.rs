@@ -1,4 +1,4 @@
-//! Alarms of a test that is still being written, before the real daemon.
+//! Alarms of a test that is still being written, from the real daemon.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -8,7 +8,7 @@ use crate::support::{Daemon, Workshop, assert_alike};
 
 const STEP: &str = "SELECT count(*) FROM anomalies WHERE kind = 'step' AND joint = 3 AND state = 'open'";
 
-/// Three healthy tests and one in which friction of joint 3 jumps with cycle 4.
+/// Three healthy tests and one with a jump of friction of joint 3 in cycle 4.
 fn tests(workshop: &Workshop) -> Vec<PathBuf> {
     let shape = ["--runs", "4", "--cycles", "8", "--warming-s", "5", "--name", "R01", "--seed", "11"];
     let fault = ["--fault", "step:joint=3,from=4,cycle=4,size=0.3"];
@@ -21,7 +21,7 @@ fn name(export: &Path) -> &str {
     export.file_name().expect("a name").to_str().expect("text")
 }
 
-/// Place behind the last row of cycle `number`, and that many bytes of the next row.
+/// Place after the last row of cycle `number`, plus that many bytes of the next row.
 fn end_of_cycle(text: &str, number: u32) -> usize {
     let mut at = 0;
     for line in text.split_inclusive('\n') {
@@ -66,7 +66,7 @@ fn a_step_is_an_alarm_one_cycle_later_while_the_export_is_written() {
     let path = workshop.inbox(name(growing));
     let cuts: Vec<usize> = [1, 3, 4, 5].iter().map(|cycle| end_of_cycle(&text, *cycle)).collect();
     append(&path, &text[..cuts[0] / 2]);
-    // seen to grow, it is read
+    // it is read after it was seen growing
     workshop.wait_for_a_look();
     append(&path, &text[cuts[0] / 2..cuts[2]]);
     let cycles = "SELECT cycles FROM runs WHERE status = 'streaming'";
@@ -81,7 +81,7 @@ fn a_step_is_an_alarm_one_cycle_later_while_the_export_is_written() {
                         severity, provisional, odds > 1000
                  FROM anomalies WHERE kind = 'step'";
     assert_eq!(workshop.query(shown), ["1|1|4|4|critical|1|1"]);
-    // the outbox has it for the log, the only route
+    // the outbox has it for the only route, the log
     workshop.wait_for("SELECT count(*) FROM deliveries WHERE what = 'opened' AND state = 'sent'", 1);
     stop(daemon, "KILL");
 

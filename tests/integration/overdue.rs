@@ -1,4 +1,4 @@
-//! Robots that send no test any more.
+//! Robots that no longer send tests.
 
 use std::fs;
 use std::path::Path;
@@ -17,7 +17,7 @@ fn contents(workshop: &Workshop) -> Vec<Vec<u8>> {
     made.iter().map(|path| fs::read(path).expect("an export")).collect()
 }
 
-/// Puts a test that began at `start` where the daemon looks.
+/// Puts a test that began at `start` into the watched folder.
 fn put(folder: &Path, start: Timestamp, content: &[u8]) {
     let name = format!("R01_{}_test.csv", start.strftime("%Y%m%d_%H%M%S"));
     fs::write(folder.join(name), content).expect("written");

@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::small::{self, Export, export};
 use crate::support::{Workshop, assert_alike, pass, text};
 
-/// The shipped layout with further keys, and the configuration that names it.
+/// Writes the shipped layout with changes, and the configuration that names it.
 fn with_layout(workshop: &Workshop, change: impl FnOnce(String) -> String) {
     let native = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/exports/native.toml");
     fs::write(workshop.path("own.toml"), change(fs::read_to_string(native).expect("a layout")))
@@ -20,7 +20,7 @@ fn with_layout(workshop: &Workshop, change: impl FnOnce(String) -> String) {
     fs::write(path, config.lines().map(line).collect::<Vec<_>>().join("\n")).expect("written");
 }
 
-/// What a run says, whatever its file is called.
+/// Results of a run, independent of the name of its file.
 fn results(workshop: &Workshop) -> String {
     let of = |view: &str, columns: &str| {
         workshop.query(&format!("SELECT {columns} FROM {view} ORDER BY {columns}")).join("\n")
@@ -36,7 +36,7 @@ fn results(workshop: &Workshop) -> String {
     .join("\n")
 }
 
-/// What the export says as one file.
+/// Results of the export as one file.
 fn results_of_one_file(export: &Export) -> String {
     let workshop = small::workshop();
     fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
@@ -72,7 +72,7 @@ fn a_part_that_continues_a_recording_joins_its_run_and_supersedes_nothing() {
     let export = export("P", 31, 5);
     let expected = results_of_one_file(&export);
     let parts = rows_in_parts(&export);
-    // all at once
+    // all in one command
     let workshop = small::workshop();
     for (name, bytes) in &parts {
         fs::write(workshop.inbox(name), bytes).expect("written");
@@ -223,13 +223,13 @@ fn an_export_of_two_arms_is_a_run_of_each() {
     let rmsd =
         |robot: &str| workshop.query(&format!("SELECT rmsd_nm FROM cycle_rmsd WHERE robot = '{robot}'"));
     assert!(rmsd("left") != rmsd("right") && rmsd("left").len() == rmsd("right").len());
-    // a copy under another name of the same robot is known
+    // a copy with another name of the same robot is known
     fs::write(workshop.inbox("right_20260105_0847_copy.csv"), &both).expect("written");
     workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(runs(), ["left|complete|3", "right|complete|3"]);
 }
 
-/// Torques in every fourth row of a slow motion: on the line between, they are nearly those of all rows.
+/// Torques in every fourth row of a slow motion: interpolated, they are nearly those of all rows.
 #[test]
 fn a_slower_channel_is_held_or_resampled_and_explain_gives_its_delay() {
     let export = export("P", 31, 5);

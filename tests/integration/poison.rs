@@ -1,4 +1,4 @@
-//! Work that ends the program is not tried for ever, and faults of growing files are visible at once.
+//! Exports that end the program are not retried forever, and faults of growing files are visible at once.
 
 use std::fs;
 use std::io::Write;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::small::{self, export};
 use crate::support::{Workshop, pass, text};
 
-/// Puts an export into the inbox whose first cycle takes a second to read and analyse, so that a kill comes before its end.
+/// Puts an export into the inbox whose first cycle takes a second to read and analyse, so that a kill interrupts it.
 /// Returns its path.
 #[cfg(target_os = "linux")]
 fn put_large(workshop: &Workshop, robot: &str) -> PathBuf {
@@ -27,7 +27,7 @@ fn name_of(path: &Path) -> &str {
     path.file_name().and_then(|name| name.to_str()).expect("a name")
 }
 
-/// Kills the daemon each time it has a file open, until it leaves the file alone. Returns how often it was killed.
+/// Kills the daemon each time it has a file open, until `is_over`. Returns the number of kills.
 #[cfg(target_os = "linux")]
 fn kill_whoever_opens(workshop: &Workshop, path: &Path, is_over: impl Fn() -> bool) -> usize {
     let wanted = path.canonicalize().expect("a path");
@@ -68,7 +68,7 @@ fn kill_whoever_opens(workshop: &Workshop, path: &Path, is_over: impl Fn() -> bo
 fn an_export_that_ends_the_program_is_quarantined_after_three_attempts_and_others_are_stored() {
     let workshop = small::workshop();
     let poison = put_large(&workshop, "P");
-    // of a name behind the poison's, of its own robot, and of others
+    // names after the poison's, of the same robot, and of others
     let others = [export("P", 2, 6), export("A", 3, 5), export("Z", 4, 5)];
     for one in &others {
         fs::write(workshop.inbox(&one.name), &one.bytes).expect("written");
@@ -85,7 +85,7 @@ fn an_export_that_ends_the_program_is_quarantined_after_three_attempts_and_other
     );
     let log = workshop.log();
     assert!(log.contains("the program ended while this export was read"), "{log}");
-    // a start more does not try it again, and a person may
+    // another start does not retry it, but a user can
     let daemon = workshop.daemon();
     workshop.wait_until_idle();
     daemon.signal("TERM");
@@ -101,7 +101,7 @@ fn an_export_that_ends_the_program_is_quarantined_after_three_attempts_and_other
 fn an_export_that_is_innocent_clears_itself() {
     let workshop = small::workshop();
     put_large(&workshop, "I");
-    // killed twice by somebody else
+    // killed twice for another reason
     for attempts in 1..=2 {
         let mut daemon = workshop.daemon();
         let begun = format!(
@@ -121,7 +121,7 @@ fn an_export_that_is_innocent_clears_itself() {
 #[test]
 fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
     let workshop = small::workshop();
-    // longer than a writer is held up on a busy machine
+    // longer than a writer is delayed on a busy machine
     workshop.set("settle_s", "3.0");
     let before = export("B", 1, 5);
     fs::write(workshop.inbox(&before.name), &before.bytes).expect("written");
@@ -140,7 +140,7 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
     fs::write(&path, &written).expect("written");
     let corrected = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        // it grows all the time
+        // it grows continuously
         let writer = scope.spawn(|| {
             let mut file = fs::File::options().append(true).open(&path).expect("the file");
             for line in lines[bad..].iter().cycle() {
@@ -171,7 +171,7 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
             status.contains(&format!("blocked     {} cannot be read beyond line {line}", growing.name)),
             "{status}"
         );
-        // the row is corrected, and the writer goes on
+        // the row is corrected, and the writer continues
         let mended = workshop.path("mended");
         fs::write(&mended, lines[..bad + 1].concat()).expect("written");
         corrected.store(true, Ordering::Relaxed);

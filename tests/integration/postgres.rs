@@ -1,5 +1,6 @@
-//! The same exports into a file of SQLite and onto a PostgreSQL server: every public view says the same, row by row, and so
-//! do the commands. The server is a private one, of the installed package; where there is none, the tests say so.
+//! The same exports stored in a SQLite file and on a PostgreSQL server: every public view and every command has the
+//! same output. The server is a private one, of the installed package; without the package, the tests print a message
+//! and end.
 
 mod encrypted;
 mod server;
@@ -23,7 +24,7 @@ fn rows(dump: &str, view: &str) -> usize {
     rest.lines().take_while(|line| !line.starts_with("# ")).filter(|line| !line.is_empty()).count()
 }
 
-/// What a command said, but the time that it took.
+/// Output of a command without its duration.
 fn without_time(out: &str) -> String {
     let said = |line: &str| match line.split_once("\"took_s\":") {
         Some((before, after)) => before.to_owned() + after.trim_start_matches(|of: char| of != '}'),
@@ -32,12 +33,12 @@ fn without_time(out: &str) -> String {
     out.lines().map(said).collect::<Vec<_>>().join("\n")
 }
 
-/// Whether a daemon has opened its database, by what it has logged.
+/// Returns true if the log shows that a daemon has opened its database.
 fn is_watching(said: &str) -> bool {
     said.contains(" watching database=")
 }
 
-/// A folder with a database of each engine, and commands that both get.
+/// A folder with a database of each engine, and commands for both.
 struct Both {
     workshop: Workshop,
     databases: [String; 2],
@@ -49,8 +50,8 @@ impl Both {
         Self { workshop, databases: [file, server.fleet()] }
     }
 
-    /// Starts a daemon again that has ended since the server went while it was starting, as its unit does; later no fall of
-    /// the server may end it.
+    /// Starts a daemon again, like its service unit, if it ended because the server was stopped while the daemon was
+    /// starting. Later the daemon must survive every stop of the server.
     fn revive(&self, life: &mut (Daemon, usize), daemon: &impl Fn() -> (Daemon, usize)) {
         let Some(ended) = life.0.child.try_wait().expect("a child") else { return };
         let log = self.workshop.log();
@@ -59,7 +60,7 @@ impl Both {
         *life = daemon();
     }
 
-    /// The same command on both, with the same status and the same words.
+    /// Runs the same command on both and asserts the same status and output.
     fn stdout(&self, arguments: &[&str], code: i32) -> String {
         let [file, server] = self.databases.each_ref().map(|database| {
             let out = self.workshop.stdout(&[&["--db", database][..], arguments].concat(), code);
@@ -69,7 +70,7 @@ impl Both {
         file
     }
 
-    /// Compares both, and gives what they say.
+    /// Compares both and returns the common content.
     fn dump(&self, when: &str) -> String {
         let [file, server] = self.databases.each_ref().map(|database| dump(&self.workshop, database));
         assert_alike(&server, &file, when);
@@ -81,7 +82,7 @@ impl Both {
     }
 }
 
-/// Plain and compressed tests, logs of work before and between them, a fault, a copy, an export that was written again.
+/// Plain and compressed tests, production logs before and between them, a fault, a copy, and a rewritten export.
 #[test]
 fn both_engines_keep_the_same_of_the_same_exports() {
     let Some(server) = Server::start() else { return };
@@ -103,7 +104,7 @@ fn both_engines_keep_the_same_of_the_same_exports() {
     for view in ["runs", "cycles", "cycle_parameters", "friction_points", "quarantine", "production_checks"] {
         assert!(rows(&first, view) > 0, "no row in {view}");
     }
-    // written again under its name, a copy under another one, and a corrected export
+    // rewritten with the same name, a copy with another name, and a corrected export
     both.add(&export("F", 7, 5));
     both.add(&export("A", 1, 5).named("again.csv"));
     both.add(&export("C", 3, 5));
@@ -147,7 +148,7 @@ fn sorted_lines(file: &Path) -> Vec<String> {
     lines
 }
 
-/// A joint that wears: conclusions, and what people do with an alarm.
+/// A joint that wears: conclusions, and the actions of users on an alarm.
 #[test]
 fn an_alarm_has_the_same_life_on_both_engines() {
     let Some(server) = Server::start() else { return };
@@ -179,7 +180,7 @@ fn an_alarm_has_the_same_life_on_both_engines() {
     both.dump("and taken back");
 }
 
-/// Killed while it stores, and once more, the daemon ends with what a command stores that nobody interrupts.
+/// The daemon is killed twice while it stores, and ends with the same rows as an uninterrupted command.
 #[test]
 fn a_killed_daemon_goes_on_where_the_server_has_it() {
     let Some(server) = Server::start() else { return };
@@ -218,7 +219,7 @@ fn a_killed_daemon_goes_on_where_the_server_has_it() {
     let second = end_of(&mut daemon(), || both.workshop.log());
     let open = "SELECT CAST(count(*) AS text) FROM armwatch.run WHERE status = 'complete'";
     wait_until(|| server.sql_in("fleet", open) == ["5"], || both.workshop.log());
-    // the server goes down in the middle of the daemon's life, and comes back
+    // the server is restarted while the daemon runs
     server.control("restart");
     both.add(&export("H", 5, 5));
     wait_until(|| server.sql_in("fleet", open) == ["6"], || both.workshop.log());
@@ -234,13 +235,13 @@ fn a_killed_daemon_goes_on_where_the_server_has_it() {
     assert_alike(&server, &file, "killed");
 }
 
-/// Events of a test that takes minutes; `ARMWATCH_KILLS` says how many.
+/// Number of events of a test that takes minutes, from `ARMWATCH_KILLS`.
 fn events() -> u32 {
     std::env::var("ARMWATCH_KILLS").ok().map_or(60, |count| count.parse().expect("a number of kills"))
 }
 
-/// Each time at another moment, the daemon is killed, the server falls and comes back, or all connections are cut: round
-/// after round, what is stored in the end is what a command stores in a file that nothing disturbs.
+/// In many rounds and at random times, the daemon is killed, the server is stopped and started, or all connections are
+/// cut. The final content is the same as from an undisturbed command with a file.
 fn disturbed(most: u32) {
     let Some(server) = Server::start() else { return };
     let both = Both::new(small::watching_work(), &server);
@@ -262,7 +263,7 @@ fn disturbed(most: u32) {
         let name = format!("fleet{round}");
         server.sql(&format!("CREATE DATABASE {name}"));
         let address = server.fleet().replace("/fleet?", &format!("/{name}?"));
-        // with the length of the log when it was started
+        // with the length of the log at its start
         let daemon = || {
             let logged = both.workshop.log().len();
             let log = fs::OpenOptions::new().create(true).append(true).open(both.workshop.path("daemon.log"));
@@ -271,7 +272,7 @@ fn disturbed(most: u32) {
             (Daemon { child: command.spawn().expect("the daemon starts") }, logged)
         };
         let mut life = daemon();
-        // a round has so many events that some fall into every phase, and few enough to come to its end
+        // a round has so many events that some fall into every phase, and few enough to finish
         for _ in 0..random.random_range(4..10) {
             pass(Duration::from_millis(random.random_range(20..900)));
             both.revive(&mut life, &daemon);
@@ -289,7 +290,7 @@ fn disturbed(most: u32) {
                          WHERE application_name = 'armwatch'",
                     );
                 }
-                // a daemon that starts is told that there is no server, and ends
+                // a starting daemon finds no server, and ends
                 _ => {}
             }
         }
@@ -320,7 +321,7 @@ fn many_kills_of_daemon_and_server_change_nothing() {
     disturbed(events());
 }
 
-/// What a server cannot do, and what is left to it, is said with a remedy.
+/// Operations that a server does not support are refused with a remedy.
 #[test]
 fn what_a_server_refuses_is_told_in_plain_words() {
     let Some(server) = Server::start() else { return };
@@ -381,8 +382,8 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     assert!(told(&["ingest", "inbox", "--db", &latin], 74).contains("UTF8"));
 }
 
-/// A database of an earlier version on a server has the rows afterwards that a file with the same rows has, the rights that
-/// were granted, and the keys that were never given.
+/// After migration, a database of an earlier version on a server has the rows of a file with the same content, the
+/// granted rights, and the unchanged sequence of keys.
 #[test]
 fn an_earlier_version_on_a_server_keeps_its_rows() {
     let Some(server) = Server::start() else { return };
@@ -470,7 +471,7 @@ const DEFINITIONS: &str = "
     WHERE relnamespace = CAST('armwatch' AS regnamespace) AND relkind IN ('S', 'r')
     ORDER BY 1";
 
-/// An administrator makes a schema for a user who may not make any; one with something in it is left alone.
+/// An administrator creates a schema for a user without that right; one with foreign content is left unchanged.
 #[test]
 fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
     let Some(server) = Server::start() else { return };
@@ -509,7 +510,7 @@ fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
             true => {
                 assert_eq!(output.status.code(), Some(0), "{database}: {said}");
                 assert!(is_made(&server, database), "{database}");
-                // in letters of any size
+                // the scheme is not case-sensitive
                 let again = address.replace("postgres://", "PostgreSQL://");
                 assert_eq!(workshop.stdout(&["runs", "--db", &again], 0).lines().count(), 2);
             }
@@ -528,7 +529,7 @@ fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
     assert!(said.contains("permission denied") && said.contains("may create in"), "{said}");
 }
 
-/// Tables, columns and types are those of the file, but what only one engine needs.
+/// Tables, columns and types are those of the file, except for those that only one engine needs.
 #[test]
 fn tables_and_views_of_both_engines_have_the_same_columns() {
     let Some(server) = Server::start() else { return };
@@ -552,7 +553,7 @@ fn tables_and_views_of_both_engines_have_the_same_columns() {
          WHERE t.relnamespace = CAST('armwatch' AS regnamespace) AND t.relkind IN ('r', 'v') AND a.attnum > 0
          ORDER BY t.relname, a.attnum",
     );
-    // a key is never NULL, which SQLite does not say of it
+    // a key is never NULL, but SQLite does not declare that
     let without_null = |lines: &[String]| -> Vec<String> {
         lines.iter().map(|line| line.rsplit_once('|').expect("four cells").0.to_owned()).collect()
     };

@@ -1,4 +1,4 @@
-//! Logs of ordinary work: held against the robot's tests, and no part of its history.
+//! Production logs: compared with the robot's tests, and not part of its history.
 
 use std::fs;
 
@@ -39,7 +39,7 @@ fn windows_of_work_are_held_against_the_last_test_and_leave_its_history_alone() 
                    UNION ALL SELECT robot, joint, speed_fraction, model, a_nm, b_nm, t1_min FROM warmup_fits";
     let before = workshop.query(history);
     let parameters = workshop.query("SELECT * FROM parameter_statistics");
-    // a day later, from the same arm
+    // one day later, from the same arm
     take(&workshop, "work", &[&WORK[..], &["--start", "2026-01-06T10:00:00Z", "--seed", "5"]].concat());
     assert_eq!(
         workshop.query("SELECT run_id, kind, status FROM runs ORDER BY run_id"),
@@ -61,11 +61,11 @@ fn windows_of_work_are_held_against_the_last_test_and_leave_its_history_alone() 
             .query("SELECT count(*), sum(windows), min(run_id), max(reference_run_id) FROM production_trend"),
         ["6|16|2|1"]
     );
-    // the same warm arm: what is left is friction that no polynomial describes
+    // the same warm arm: the residual is friction that no polynomial describes
     let worst = workshop.query("SELECT max(moving_relative_rmsd) FROM production_checks");
     let worst: f64 = worst[0].parse().expect("a figure");
     assert!(worst > 0.005 && worst < 0.2, "{worst}");
-    // verification from factors is the second road
+    // verification from factors is the second method
     let out = workshop.stdout(
         &["verify", "--parameters", "1", "--against", "2", "--stage", "all", "--rows", "all", "--json"],
         0,
@@ -102,7 +102,7 @@ fn work_before_the_first_test_waits_for_it_and_wear_shows() {
             .query("SELECT count(*), count(friction_excess), min(reference_run_id) FROM production_checks"),
         ["18|16|2"]
     );
-    // joint 3 rubs half as much again on one later day
+    // joint 3 has half as much friction again on a later day
     let worn = ["--start", "2026-01-07T10:00:00Z", "--fault", "wear:joint=3,from=1,rate=0.5"];
     take(&workshop, "after", &[&WORK[..], &worn].concat());
     let ratio = |joint: u32| -> f64 {
@@ -119,7 +119,7 @@ fn work_before_the_first_test_waits_for_it_and_wear_shows() {
     for joint in [1, 2, 4, 5, 6] {
         assert!((ratio(joint) - 1.0).abs() < 0.2, "joint {joint}: {}", ratio(joint));
     }
-    // half as much friction again, and nothing else, whatever the motion
+    // half as much friction again, and no other change, whatever the motion
     let excess = |run: u32, joint: u32| -> f64 {
         let of = format!("FROM production_trend WHERE run_id = {run} AND joint = {joint}");
         workshop.query(&format!("SELECT friction_excess {of}"))[0].parse().expect("a figure")
@@ -132,7 +132,7 @@ fn work_before_the_first_test_waits_for_it_and_wear_shows() {
     );
 }
 
-/// Tests of robot A on two days, work before, between and after them.
+/// Tests of robot A on two days, production before, between and after them.
 fn history() -> [Export; 5] {
     [work("A", 21, 3), export("A", 1, 5), work("A", 22, 6), export("A", 11, 8), work("A", 23, 9)]
 }

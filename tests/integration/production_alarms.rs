@@ -1,5 +1,5 @@
-//! How often robots are called worn between tests that are not, and how soon worn ones are: simulated tests and logs of
-//! work, analysed as the daemon does, without a database.
+//! Rates of false alarms between tests, and delays until wear is found: simulated tests and production logs, analysed
+//! as by the daemon, without a database.
 
 use std::path::Path;
 
@@ -24,29 +24,29 @@ use armwatch_simulate::arm::fault::{Fault, FaultKind, WornPart};
 use armwatch_simulate::arm::load::Load;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
-/// Logs behind each test.
+/// Logs after each test.
 const LOGS: u32 = 9;
 
-/// An arm, and how its exports are read.
+/// An arm, and the layouts of its exports.
 struct Arm {
     method: Method,
     test: Layout,
     work: Layout,
 }
 
-/// What ordinary work is held against.
+/// A test that production is compared with.
 struct Test {
     reference: Reference,
     /// Moving relative RMSD of its excitation.
     rmsd: Vec<(JointIndex, f64)>,
 }
 
-/// How an arm was when it was recorded.
+/// State of an arm in a recording.
 #[derive(Debug, Clone, Default)]
 struct State {
-    /// Time since it was started, s.
+    /// Time since its start, s.
     warm_s: f64,
-    /// Against the hall's mean, K.
+    /// Difference of the ambient temperature from its mean, K.
     hall_k: f64,
     load_kg: f64,
     faults: Vec<Fault>,
@@ -128,12 +128,12 @@ impl Arm {
         }
     }
 
-    /// Tests with logs behind each; `of` is the state in a log, counted through from 0.
+    /// Tests with logs after each; `of` is the state in a recording, numbered from 0.
     fn history(&self, seed: u64, tests: u32, of: impl Fn(u32) -> State) -> Vec<ProductionSummary> {
         let mut history = Vec::new();
         for test in 0..tests {
             let first = test * (LOGS + 1);
-            // tests run from cold to warm for two hours, and are made without a load
+            // tests run from cold to warm for two hours, without a load
             let at_test = State { warm_s: 3600.0, load_kg: 0.0, ..of(first) };
             let of_test = self.test(seed, first, &at_test);
             history.extend((first + 1..=first + LOGS).map(|run| self.log(seed, run, &of(run), &of_test)));
@@ -142,7 +142,7 @@ impl Arm {
     }
 }
 
-/// Shifts at any warmth, in a hall that is a few degrees warmer or colder.
+/// Shifts at any temperature of the arm, and an ambient temperature that differs by a few degrees.
 fn weather(seed: u64, run: u32) -> State {
     let mut random = ChaCha8Rng::seed_from_u64(seed * 1000 + u64::from(run));
     let warm_s = [600.0, 3600.0, 14_400.0][random.random_range(0..3)];
@@ -153,7 +153,7 @@ fn of_kind(found: &[Anomaly], kind: AnomalyKind) -> Vec<&Anomaly> {
     found.iter().filter(|anomaly| anomaly.kind == kind).collect()
 }
 
-/// False alarms of friction and said loads over healthy histories, and the joint-logs that were judged.
+/// False alarms of friction and reported loads over healthy histories, and the number of joints times logs.
 fn alarms(model: &str, seeds: std::ops::Range<u64>, of: impl Fn(u64, u32) -> State) -> [usize; 3] {
     let arm = Arm::new(model);
     let mut counts = [0; 3];
@@ -188,14 +188,14 @@ fn healthy_arms_at_work_are_not_called_worn() {
 #[test]
 #[ignore = "hundreds of simulated recordings, to be looked at by hand"]
 fn changing_loads_are_said_and_not_called_wear() {
-    // two of three shifts carry something
+    // two of three shifts have a load
     let loaded = |seed, run| State { load_kg: f64::from(run % 3), ..weather(seed, run) };
     let [wear, load, judged] = alarms("er3a", 520..526, loaded);
     println!(
         "er3a with changing loads: {wear} false alarms of friction, {load} loads said, in {judged} logs of joints"
     );
     assert!(wear * 100 <= judged, "{wear} {judged}");
-    // a load that comes once, after the first logs
+    // a single load, after the first logs
     let once = |seed, run| State { load_kg: if run % 10 == 6 { 2.0 } else { 0.0 }, ..weather(seed, run) };
     let [wear, load, judged] = alarms("er3a", 530..533, once);
     println!(
@@ -239,7 +239,7 @@ fn wear_between_tests_is_found() {
     }
 }
 
-/// The first log with a fault; the test before it and the log behind that have none.
+/// The first log with a fault; the test and the log before it have none.
 const FIRST_FAULTY: u32 = 2;
 
 /// A fault of a joint from that log on; the simulator counts runs from 1.
@@ -247,7 +247,7 @@ fn fault(kind: FaultKind, joint: usize) -> Fault {
     Fault { kind, joint: Some(JointIndex::new(joint)), start_run: FIRST_FAULTY + 1, last_run: None }
 }
 
-/// What the detectors say of logs with a fault that the test before them had not.
+/// Anomalies in logs with a fault that the test before them did not have.
 fn said(what: &str, history: &[ProductionSummary]) -> Vec<Anomaly> {
     let found = detect_production(history, &DetectSettings::default());
     for of in &found {
@@ -257,7 +257,7 @@ fn said(what: &str, history: &[ProductionSummary]) -> Vec<Anomaly> {
     found
 }
 
-/// Whether an anomaly of this kind and joint begins with the first log that has a fault.
+/// Returns true if an anomaly of this kind and joint begins with the first log with a fault.
 fn named(found: &[Anomaly], kind: AnomalyKind, joint: usize) -> bool {
     let begins = |of: &Anomaly| of.first_run_id == i64::from(FIRST_FAULTY);
     found.iter().any(|of| of.kind == kind && of.joint == Some(JointIndex::new(joint)) && begins(of))
@@ -279,7 +279,7 @@ fn causes_of_work_are_named_from_the_first_log_on() {
         let (joint, found) =
             of_joint(Some(FaultKind::Wear { part: WornPart::All, rate_per_run: 0.5, cap: 0.5 }), seed);
         assert!(named(&found, AnomalyKind::Drift, joint), "friction of joint {}: {found:?}", joint + 1);
-        // joints 2 and 3 carry weight; of those behind them nearly all torque is friction
+        // joints 2 and 3 carry weight; in the joints after them nearly all torque is friction
         let (joint, found) = of_joint(Some(FaultKind::Gain { size: 0.1 }), seed);
         let is_named = named(&found, AnomalyKind::Sensor, joint);
         assert!(is_named || ![1, 2].contains(&joint), "gain of joint {}: {found:?}", joint + 1);

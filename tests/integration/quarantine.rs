@@ -1,4 +1,4 @@
-//! `armwatch quarantine`: what was not understood is told, and read again once its cause is gone.
+//! `armwatch quarantine`: unreadable exports are reported, and read again after the cause is removed.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use crate::support::{Workshop, text};
 const NAME: &str = "R00_20260105_0847.csv";
 const OPEN: &str = "SELECT count(*) FROM quarantine WHERE state = 'open'";
 
-/// Three cycles of the reference export; in the third, a cell of `trq_3` holds what is no number.
+/// Three cycles of the reference export; in the third, a cell of `trq_3` is not a number.
 fn faulty_export() -> (String, u64) {
     let text = decompressed();
     let mut lines: Vec<String> = text.lines().take(1 + 3 * 8509).map(str::to_owned).collect();
@@ -27,7 +27,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
-/// Lets the test's configuration read exports by a layout file of its own, broken or mended.
+/// Makes the test's configuration read exports by a separate layout file, broken or corrected.
 fn write_layout(workshop: &Workshop, stage_column: &str) {
     let shipped = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/exports/native.toml"));
     let shipped = shipped.expect("the layout");
@@ -75,7 +75,7 @@ fn a_fault_is_told_with_its_place_and_a_corrected_export_settles_it() {
     assert_eq!(lines[mark - 1].get(under..under + 3), Some("#NV"), "{shown}");
     assert!(shown.contains("the 2 stored cycles are replaced"), "{shown}");
 
-    // tried in vain: counted, not told twice
+    // a failed retry is counted, but not reported again
     let again = workshop.stdout(&["quarantine", "retry", "1"], 1);
     assert!(again.starts_with("quarantined"), "{again}");
     assert_eq!(workshop.query("SELECT tries, state, cycles_stored FROM quarantine"), ["2|open|2"]);
@@ -128,11 +128,11 @@ fn a_running_daemon_reads_its_configuration_and_the_export_again() {
     write_layout(&workshop, "stage");
     let done = workshop.stdout(&["quarantine", "retry", "1"], 0);
     assert!(done.starts_with("stored") && done.contains("run 1, 5 cycles"), "{done}");
-    // what comes later is read by the mended layout too
+    // later exports are also read by the corrected layout
     let cycle: Vec<String> = decompressed().lines().take(1 + 8509).map(str::to_owned).collect();
     fs::write(workshop.inbox("R01_20260106_0847.csv"), cycle.join("\n") + "\n").expect("an export");
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 2);
-    // a file that lies elsewhere is read by the command itself
+    // a file outside the watched folders is read by the command itself
     let elsewhere: PathBuf = workshop.path("R02_20260106_0847.csv");
     fs::write(&elsewhere, "time,pos_1\n0,1\n").expect("an export");
     workshop.stdout(&["ingest", "R02_20260106_0847.csv"], 1);
@@ -151,7 +151,7 @@ fn a_quarantine_is_logged_when_it_is_new_and_not_at_each_start() {
     fs::write(workshop.inbox(NAME), "time,pos_1\n0,1\n").expect("an export");
     let logged = || workshop.log().matches("quarantined: ").count();
     for name in ["R01_20260106_0847.csv", "R02_20260107_0847.csv"] {
-        // behind the first by name, so that both are looked at in each life
+        // after the first by name, so that both are scanned in each life
         fs::write(workshop.inbox(name), format!("time,{name}\n0,1\n")).expect("an export");
         let daemon = workshop.daemon();
         workshop.wait_for(&format!("SELECT count(*) FROM quarantine WHERE source_name = '{name}'"), 1);
@@ -186,14 +186,14 @@ fn what_is_no_export_is_dismissed_with_a_reason_and_a_retry_brings_it_back() {
     assert_eq!(twice.status.code(), Some(2));
     assert!(text(&twice.stderr).contains("by mueller: a list of parts"), "{}", text(&twice.stderr));
 
-    // the daemon does not count it, nor does the overview of the fleet
+    // neither the daemon nor the overview of the fleet counts it
     let daemon = workshop.daemon();
     workshop.wait_until(|| workshop.log().contains("watching"));
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
     assert!(!workshop.log().contains("exports in quarantine"), "{}", workshop.log());
 
-    // read again by accident it stays dismissed; asked for by name, it is open again
+    // if it is read again by accident, it stays dismissed; if it is named, it is open again
     workshop.stdout(&["ingest", "inbox"], 1);
     assert_eq!(workshop.number(OPEN), 0);
     workshop.stdout(&["quarantine", "retry", "notes.csv"], 1);

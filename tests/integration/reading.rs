@@ -1,4 +1,5 @@
-//! Commands that only read: for users who may not write, beside a daemon, on what is not there, and into a full disk.
+//! Commands that only read: for users without write permission, next to a daemon, for missing things, and into a full
+//! disk.
 
 use std::fs::{self, File};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -9,7 +10,7 @@ use crate::canon;
 use crate::small::{self, export};
 use crate::support::{Workshop, query, text, wait_until};
 
-/// Commands that read a database with at least two tests of robot A, its first of number 1.
+/// Commands that read a database with at least two tests of robot A, the first with number 1.
 const READING: [&[&str]; 13] = [
     &["status"],
     &["robots"],
@@ -54,8 +55,8 @@ fn as_another_user(workshop: &Workshop, arguments: &[&str]) -> Output {
     command.output().expect("it runs")
 }
 
-/// Whether another user can start the program and read the files that the configuration names: a checkout may lie in a
-/// folder of its own user's.
+/// Returns true if another user can start the program and read the files of the configuration: a checkout may be in a
+/// private folder.
 fn can_be_another_user(workshop: &Workshop) -> bool {
     set_mode(&workshop.path(""), 0o755);
     let can = Command::new("setpriv").arg("--version").output().is_ok()
@@ -110,7 +111,7 @@ fn nothing_is_made_or_brought_up_to_date_by_reading() {
         assert!(!workshop.path("typo.db").exists(), "armwatch {arguments:?}");
     }
 
-    // as an older program left it
+    // the state left by an older version
     let older = workshop.path("older.db");
     fs::copy(workshop.path("armwatch.db"), &older).expect("a copy");
     small_change(&older, "UPDATE schema_version SET version = 50");
@@ -155,7 +156,7 @@ fn a_snapshot_says_what_the_database_says_and_needs_no_other_file() {
         set_mode(&workshop.path("out"), 0o755);
     }
 
-    // what is no snapshot is not written over, and nothing writes to one
+    // a file that is no snapshot is not overwritten, and nothing writes to a snapshot
     let export =
         fs::read_dir(workshop.path("inbox")).expect("a folder").next().expect("one").expect("a file").path();
     for other in [workshop.path("armwatch.db"), export] {
@@ -171,9 +172,9 @@ fn a_snapshot_says_what_the_database_says_and_needs_no_other_file() {
     }
     workshop.stdout(&["snapshot", "out/copy.db"], 0);
 
-    // what cannot be written leaves the earlier copy
+    // a failed snapshot keeps the earlier copy
     let before = fs::read(&copy).expect("the copy");
-    // the name of what is not whole yet is too long for a file
+    // the name of the temporary file is too long
     let long = format!("out/{}", "x".repeat(240));
     fs::rename(&copy, workshop.path(&long)).expect("renamed");
     assert_eq!(workshop.run(&["snapshot", &long]).status.code(), Some(74));
@@ -200,7 +201,7 @@ fn the_daemon_keeps_a_snapshot_up_to_date() {
     assert!(canon::dump(&copy) == workshop.dump());
 }
 
-/// Conclusions wait for the last export of a robot, so that a stop in between leaves them to the end.
+/// Conclusions wait for the last export of a robot, so a stop before that leaves them to the end.
 #[test]
 fn the_last_snapshot_has_what_is_concluded_after_the_stop() {
     let workshop = small::workshop();
@@ -258,7 +259,7 @@ fn lists_and_answers_come_as_table_csv_and_json() {
         (Some("A"), Some(2), Some(6))
     );
 
-    // every digit of a stored number comes back
+    // all digits of a stored number are printed
     let exact = workshop.stdout(
         &["sql", "SELECT value FROM cycle_parameters WHERE run_id = 1 AND cycle = 1 ORDER BY joint, parameter LIMIT 1", "--csv"],
         0,
@@ -302,12 +303,12 @@ fn the_status_says_what_is_wrong_and_where_nothing_is_known() {
     assert_eq!(told["quarantined"], 1, "{told}");
 }
 
-/// Where `armwatch sql` refuses a statement, nothing is written, and the message says what to do.
+/// If `armwatch sql` refuses a statement, nothing is written, and the message has a remedy.
 #[test]
 fn a_question_in_sql_is_one_statement_that_reads() {
     let workshop = stored();
     let files = || fs::read_dir(workshop.path("")).expect("a folder").count();
-    // who reads leaves an empty write-ahead log, as any reader of SQLite does that may not change the file
+    // a reader leaves an empty write-ahead log, like any reader of SQLite that may not change the file
     workshop.stdout(&["sql", "VALUES (1)"], 0);
     let before = files();
     for (statement, said) in [
@@ -406,7 +407,7 @@ fn what_is_not_there_is_told_with_what_there_is() {
     assert!(!workshop.path("out.db").exists());
 }
 
-/// Damage that only copying finds is that of the database, whatever the copy is called.
+/// Damage that only copying finds is reported for the database, whatever the copy's name.
 #[test]
 fn a_damaged_database_is_named_by_its_backup() {
     let workshop = stored();

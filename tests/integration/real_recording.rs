@@ -2,8 +2,8 @@
 
 use crate::support::{Workshop, reference};
 
-/// Relative error of each joint's torque that an independent computation reached: position low-pass
-/// at 100 Hz, decimated to 50 Hz, slow rows left out, 61 parameters by least squares.
+/// Relative error of each joint's torque in an independent computation: position low-pass at 100 Hz, decimated to 50
+/// Hz, slow rows omitted, 61 parameters by least squares.
 const INDEPENDENT: [f64; 6] = [0.039, 0.036, 0.066, 0.072, 0.089, 0.074];
 
 /// Published friction of this arm: viscous fv in Nm s/rad, Coulomb fs in Nm.
@@ -43,7 +43,7 @@ fn friction_is_near_what_was_published() {
     for (name, published) in [("fv", PUBLISHED_FV), ("fs", PUBLISHED_FS)] {
         let sql = format!("SELECT value FROM cycle_parameters WHERE parameter = '{name}' ORDER BY joint");
         for (joint, (ours, published)) in (1..).zip(reals(&workshop, &sql).iter().zip(published)) {
-            // 4 s of 9 s recorded: a tenth, and half a Nm of Coulomb friction, are what seconds decide
+            // 4 s of the 9 s were recorded: that makes a difference of a tenth, and of half a Nm of Coulomb friction
             let tolerance = 0.1 * published + if name == "fs" { 0.5 } else { 0.05 };
             assert!(
                 (ours - published).abs() < tolerance,
@@ -67,7 +67,7 @@ fn laws_of_load_are_compared_on_held_out_rows_of_the_recording() {
     let remarks = told["remarks"].as_array().expect("remarks");
     for joint in joints {
         let laws = joint["laws"].as_array().expect("laws");
-        // four seconds do not show every law; a remark names each that is left out
+        // four seconds do not show every law; a remark names each omitted one
         assert_eq!(laws.len() + remarks.len(), 5, "{told}");
         assert!(laws.iter().any(|law| law["load_friction"] == "linear"), "{joint}");
         let error = |name: &serde_json::Value| {

@@ -1,5 +1,5 @@
-//! The export that was made with Pinocchio, independent of this program, against what the
-//! established stack gets on it.
+//! The export that was made with Pinocchio, independent of this program, compared with the results of an established
+//! stack.
 
 use crate::support::{REFERENCE_NAME, Workshop};
 
@@ -13,11 +13,11 @@ const ESTABLISHED_RMSD: [(u32, [f64; 6]); 2] = [
 /// Mean friction on the plateaus at 60 % speed in cycle 1, from the same stack, Nm.
 const ESTABLISHED_FRICTION_NM: [f64; 6] = [26.92, 38.31, 15.33, 26.34, 7.97, 5.62];
 
-/// True mean friction at 60 % speed behind the export (`R00_truth.json`), cycles 1 and 5, Nm.
+/// True mean friction at 60 % speed in the export (`R00_truth.json`), cycles 1 and 5, Nm.
 const TRUE_FRICTION_NM: [(u32, [f64; 6]); 2] =
     [(1, [26.836, 38.345, 15.352, 26.331, 7.98, 5.642]), (5, [20.561, 30.03, 13.078, 20.217, 6.689, 4.535])];
 
-/// A plateau of a second or two averages torque noise and ripple to about half a percent.
+/// A plateau of one or two seconds averages torque noise and ripple to about half a percent.
 const FRICTION_TOLERANCE: f64 = 0.01;
 
 fn ingested() -> Workshop {
@@ -123,7 +123,7 @@ fn signals_that_are_missing_come_from_the_motion() {
         compared += 1;
     }
     assert!(compared >= 58, "{compared} of {} points were found in the motion", reference.len());
-    // without a counter a cycle begins with its excitation: the rest before it is the last cycle's
+    // without a counter a cycle begins with its excitation: the rest before it belongs to the last cycle
     let rmsd =
         "SELECT moving_relative_rmsd FROM cycle_rmsd WHERE cycle = 3 AND stage = 'excitation' ORDER BY joint";
     for (a, b) in with_signals.query(rmsd).iter().zip(without.query(rmsd)) {

@@ -1,4 +1,4 @@
-//! `armwatch report`: a run or a robot on one page that needs nothing else.
+//! `armwatch report`: a run or a robot on one self-contained page.
 
 use std::fs;
 use std::process::Command;
@@ -11,7 +11,7 @@ use crate::support::{Workshop, text};
 /// A name that would be markup if it were not escaped.
 const ROBOT: &str = "A<b>&\"c";
 
-/// Two tests of one robot, one of a twin, and an export of a third that is not understood.
+/// Two tests of one robot, one of a second robot of the model, and an unreadable export of a third.
 fn stored() -> Workshop {
     let workshop = small::workshop();
     for day in [5, 6] {
@@ -33,7 +33,7 @@ fn page(workshop: &Workshop, subject: &str) -> String {
     fs::read_to_string(workshop.path("report.html")).expect("a page")
 }
 
-/// What a page consists of.
+/// Parts of a page.
 #[derive(Default)]
 struct Read {
     /// Names of its elements.
@@ -46,7 +46,7 @@ struct Read {
     words: String,
 }
 
-/// Reads a page as XML, which is stricter than HTML, and fails where it is not well-formed or asks for anything else.
+/// Reads a page as XML, which is stricter than HTML, and panics if it is not well-formed or requests another resource.
 fn read(html: &str) -> Read {
     let mut read = Read::default();
     let mut open: Vec<String> = Vec::new();
@@ -104,7 +104,7 @@ fn a_run_has_its_parameters_and_figures_and_a_robot_its_history_and_twins() {
     let parts = ["Conclusions", "Recorded cycles", "Base parameters", "Model fit", "Friction"];
     assert_eq!(read_run.headings[..5], parts);
     assert_eq!(read_run.headings[5], "Missing results and remarks");
-    // the table has every parameter of the last cycle, as it is stored
+    // the table has every stored parameter of the last cycle
     let stored = workshop.query(
         "SELECT joint, parameter, unit FROM cycle_parameters WHERE run_id = 1 AND cycle = 3 ORDER BY joint, parameter",
     );
@@ -125,7 +125,7 @@ fn a_run_has_its_parameters_and_figures_and_a_robot_its_history_and_twins() {
     for (shown, expected) in shown.iter().zip(&expected) {
         assert!((shown / expected - 1.0).abs() < 1e-3, "{f1:?} {value:?}");
     }
-    // one picture a joint of RMSD, residual and friction over time and speed, each with its legend
+    // one picture per joint of RMSD, residual and friction over time and speed, each with its legend
     let pictures = read_run.elements.iter().filter(|element| *element == "figure").count();
     assert_eq!(pictures, 4);
 
@@ -138,11 +138,11 @@ fn a_run_has_its_parameters_and_figures_and_a_robot_its_history_and_twins() {
         read_robot.words.contains("There never was an alarm.")
             && read_robot.words.contains("No work was entered")
     );
-    // a column for each of four joints
+    // one column for each of four joints
     let tests = |row: &&Vec<String>| row.len() == 8 && row[1].starts_with("2026-01-0");
     assert_eq!(read_robot.rows.iter().filter(tests).count(), 2, "{:?}", read_robot.rows);
 
-    // of an export that was not understood the reason is said, and nothing is called sound
+    // for an unreadable export, the page has the reason and no good status
     let broken = workshop.query("SELECT run_id FROM quarantine").remove(0);
     for subject in [broken.as_str(), "C"] {
         let read = read(&page(&workshop, subject));
@@ -151,7 +151,7 @@ fn a_run_has_its_parameters_and_figures_and_a_robot_its_history_and_twins() {
             "{subject}: {}",
             read.words
         );
-        // nothing is said of how a joint is
+        // the page has no status of a joint
         assert!(!read.elements.contains(&"li".to_owned()) || !read.words.contains("Joint 1 "), "{subject}");
         assert!(
             read.words.contains("nothing is known of") || read.words.contains("Nothing is known of"),

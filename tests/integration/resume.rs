@@ -1,4 +1,4 @@
-//! Reading that goes on after a restart where stored cycles end, before the real daemon.
+//! Resumed reading after a restart from the end of stored cycles, by the real daemon.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -14,10 +14,10 @@ use crate::support::{Daemon, Workshop, assert_alike};
 const COMPLETE: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
 const CYCLES: &str = "SELECT COUNT(*) FROM cycles";
 
-/// Pieces in which a cycle is written, so that blocks of rows are far shorter than a cycle.
+/// Pieces of a cycle that are written one by one, so that blocks of rows are far shorter than a cycle.
 const PIECES: usize = 12;
 
-/// Place behind the last row of cycle `number`.
+/// Place after the last row of cycle `number`.
 fn end_of_cycle(export: &Export, number: u32) -> usize {
     let lines = export.lines();
     let cycle = |line: &[u8]| {
@@ -37,7 +37,7 @@ fn append(workshop: &Workshop, daemon: &Daemon, path: &Path, bytes: &[u8]) {
     let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
     for (number, piece) in bytes.chunks(bytes.len() / PIECES + 1).enumerate() {
         file.write_all(piece).expect("written");
-        // it is opened when it was seen to grow
+        // it is opened after it was seen growing
         if number == 0 && !is_known {
             workshop.wait_for_a_look();
         } else {
@@ -46,7 +46,7 @@ fn append(workshop: &Workshop, daemon: &Daemon, path: &Path, bytes: &[u8]) {
     }
 }
 
-/// What the database holds after the export was read once, which is the same for all tests.
+/// Content of the database after the export was read once, the same for all tests.
 fn golden() -> &'static str {
     static GOLDEN: LazyLock<String> = LazyLock::new(|| {
         let (export, workshop) = (the_export(), small::workshop());
@@ -71,7 +71,7 @@ fn stop(daemon: Daemon) {
     assert_eq!(daemon.end(), Some(0));
 }
 
-/// A daemon that was killed when two cycles of a growing export were stored; returns the byte to go on from.
+/// Kills a daemon after it has stored two cycles of a growing export; returns the byte to resume from.
 fn killed_behind_two_cycles(workshop: &Workshop, export: &Export) -> usize {
     workshop.set("settle_s", "60");
     let daemon = workshop.daemon();
@@ -85,13 +85,13 @@ fn killed_behind_two_cycles(workshop: &Workshop, export: &Export) -> usize {
     let (cycles, byte) = point.first().and_then(|row| row.split_once('|')).expect("a point");
     assert_eq!(cycles, "2");
     let byte = byte.parse().expect("a byte");
-    // behind the first cycle, since blocks are far shorter; and where a row begins
+    // after the first cycle, since blocks are far shorter; and at the beginning of a row
     assert!((first..=second).contains(&byte), "{byte} is not in {first}..={second}");
     assert_eq!(export.bytes[byte - 1], b'\n');
     byte
 }
 
-/// Lets a daemon take the rest of an export and returns what it has logged.
+/// Lets a daemon read the rest of an export and returns its log.
 fn finished(workshop: &Workshop, export: &Export) -> String {
     let path = workshop.inbox(&export.name);
     let written = usize::try_from(std::fs::metadata(&path).expect("an export").len()).expect("a size");
@@ -113,7 +113,7 @@ fn a_killed_daemon_goes_on_reading_where_stored_cycles_end() {
     assert_eq!(log.matches(&format!("resumed at byte {byte}")).count(), 1, "{log}");
 }
 
-/// What is stored to go on with may be of an older program, or damaged.
+/// A stored state may be of an older version, or damaged.
 #[test]
 fn a_state_that_is_not_understood_is_no_state() {
     let (export, workshop) = (the_export(), small::workshop());
@@ -124,7 +124,7 @@ fn a_state_that_is_not_understood_is_no_state() {
     assert!(!log.contains("resumed at byte") && log.contains("read from the start"), "{log}");
 }
 
-/// Another layout may mean another thing by the same columns.
+/// Columns may have another meaning in another layout.
 #[test]
 fn another_layout_does_not_go_on_with_the_state_of_the_first() {
     let (export, workshop) = (the_export(), small::workshop());

@@ -1,4 +1,4 @@
-//! What is kept in the long run: results for ever, factors for as long as the configuration says.
+//! Retention of data: results forever, factors as long as configured.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ use crate::support::{Workshop, assert_alike, query, text};
 /// Days of a year.
 const YEAR: f64 = 365.0;
 
-/// A test, and two logs of ordinary work that were held against it.
+/// A test, and two production logs that were compared with it.
 fn stored() -> Workshop {
     let workshop = small::watching_work();
     for file in [export("A", 1, 5), work("A", 21, 6), work("A", 22, 7)] {
@@ -40,7 +40,7 @@ fn windows_of_a_log_come_to_have_one_factor_and_the_log_verifies_as_before() {
     let verify = ["verify", "--parameters", "1", "--against", "2", "--against", "3", "--json"];
     let own = objects(&workshop.stdout(&verify, 0));
 
-    // by default nothing is old enough, and a dry run changes nothing
+    // by default all factors are too young, and a dry run changes nothing
     let young = workshop.stdout(&["prune"], 0);
     assert!(
         young.contains("those of tests are kept for 120 days, those of ordinary work for 7 days"),
@@ -92,7 +92,7 @@ fn windows_of_a_log_come_to_have_one_factor_and_the_log_verifies_as_before() {
         }
     }
 
-    // what cannot be asked any more says so; the test has its factors
+    // commands that need pruned factors say so; the test has its factors
     for (arguments, said) in [
         (
             &["identify", "--run", "2", "--cycles", "1"][..],
@@ -109,7 +109,7 @@ fn windows_of_a_log_come_to_have_one_factor_and_the_log_verifies_as_before() {
     let again = workshop.stdout(&["prune", "--older-than", "0"], 0);
     assert!(again.contains("no factors have had their time"), "{again}");
 
-    // read again, a log has windows with factors of their own
+    // after rereading, a log has separate factors for its windows
     workshop.stdout(&["ingest", "--again", "2"], 0);
     assert_eq!(workshop.number("SELECT count(*) FROM log_factor WHERE run_id = 2"), 0);
     assert!(workshop.number(FACTORS_OF_LOGS) > 0);
@@ -143,8 +143,7 @@ fn what_is_no_age_and_no_database_is_refused() {
     assert!(!workshop.path("armwatch.db").exists());
 }
 
-/// Bytes in use, of factors with what is kept of windows as long as these, and of the rest: those of pages without what is
-/// free in them.
+/// Used bytes, of factors with the data that is kept as long as them, and of the rest: pages without their free space.
 fn used(workshop: &Workshop) -> [f64; 2] {
     let of = |factors: u8| {
         let sql = format!(
@@ -164,7 +163,7 @@ fn documented(name: &str) -> Vec<f64> {
     row.split('|').filter_map(|cell| cell.trim().parse().ok()).collect()
 }
 
-/// The pages of a table are filled to nine tenths or so, and a small database has parts that do not grow with it.
+/// The pages of a table are filled to about nine tenths, and a small database has parts of constant size.
 fn assert_like(what: &str, used_bytes: f64, documented_kb: f64) {
     let share = used_bytes / (1000.0 * documented_kb);
     assert!(
@@ -210,7 +209,7 @@ fn the_size_of_a_cycle_and_a_window_is_the_documented_one() {
     );
     assert_like("factors of a cycle", cycle[0], of_cycle[0]);
     assert_like("results of a cycle", cycle[1], of_cycle[1]);
-    // in six seconds some joints only move or only rest; in a minute each does both, as in the whole log below
+    // in six seconds some joints only move or only rest; in a minute each does both, like in the whole log below
     assert!(window[0] < 1100.0 * of_window[0], "{window:?}");
     assert_eq!(of_window[0], of_log[0]);
     assert_like("results of a window", window[1], of_window[1]);
@@ -219,7 +218,7 @@ fn the_size_of_a_cycle_and_a_window_is_the_documented_one() {
     let joined = used(&workshop);
     assert_like("factors of a log", joined[0] - with_two[0], of_log[0]);
 
-    // a robot-year as the page has it: 24 cycles a day, a window a minute, three logs a day
+    // a robot-year as in the page: 24 cycles per day, one window per minute, three logs per day
     let setting = |key: &str| -> f64 {
         let config = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/armwatch.toml"));
         let line = config.expect("it").lines().find_map(|line| Some(line.strip_prefix(key)?.to_owned()));
@@ -251,20 +250,20 @@ fn a_backup_is_the_whole_database_and_takes_the_place_of_a_backup_only() {
     assert_sound(&copy, "the backup");
     assert_alike(&canon::canonical_dump(&copy), &workshop.canonical_dump(), "the backup");
 
-    // once more in its place, as JSON
+    // a second backup to the same path, with JSON output
     let done = objects(&workshop.stdout(&["backup", "out/armwatch.db", "--json"], 0));
     assert_eq!((&done[0]["rows"]["run"], &done[0]["rows_compared"]), (&1.into(), &true.into()));
     assert_eq!(done[0]["bytes"], fs::metadata(&copy).expect("a file").len());
     assert_eq!(fs::read_dir(workshop.path("out")).expect("a folder").count(), 1, "nothing is left beside it");
 
-    // restored: it takes what comes
+    // the restored database accepts new exports
     let second = export("A", 2, 6);
     fs::write(workshop.inbox(&second.name), &second.bytes).expect("written");
     fs::copy(&copy, workshop.path("restored.db")).expect("a copy");
     let taken = workshop.stdout(&["ingest", "inbox", "--db", "restored.db"], 0);
     assert!(taken.contains("1 stored, 1 known"), "{taken}");
 
-    // what is no backup is left alone
+    // other files are not overwritten
     fs::write(workshop.path("notes.txt"), "not a database").expect("written");
     for other in ["notes.txt", "armwatch.db", "inbox"] {
         let refused = workshop.run(&["backup", other]);

@@ -1,4 +1,4 @@
-//! `armwatch robot code`: code that other compilers take, against the torques of this program and of another one.
+//! `armwatch robot code`: the code compiles, and its torques agree with those of this program and of another one.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use armwatch_model::robot::{ParameterId, Robot};
 /// Rounding of some hundred operations, as a part of the joint's largest torque.
 const ROUNDING: f64 = 1e-12;
 
-/// The reference has twelve digits, of which a sum over the chain loses some.
+/// The reference has twelve digits; a sum over the chain loses some of them.
 const REFERENCE_DIGITS: f64 = 1e-9;
 
 const LANGUAGES: [&str; 6] = ["--language", "c", "--language", "rust", "--language", "python"];
@@ -28,20 +28,20 @@ fn shipped(name: &str) -> String {
     format!("{}/config/robots/{name}.toml", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A program of this name, where it can be started.
+/// A program of this name, if it can be started.
 fn found(program: impl Into<PathBuf>) -> Option<PathBuf> {
     let program = program.into();
     let starts = Command::new(&program).arg("--version").output().is_ok_and(|output| output.status.success());
     starts.then_some(program)
 }
 
-/// The Rust compiler that stands beside cargo.
+/// The Rust compiler next to cargo.
 fn rustc() -> Option<PathBuf> {
     let cargo = std::env::var_os("CARGO").map(PathBuf::from).or(option_env!("CARGO").map(PathBuf::from))?;
     found(cargo.with_file_name("rustc")).or_else(|| found("rustc"))
 }
 
-/// Compiles and runs the self-check of a folder; `None`, with a word, where there is no compiler.
+/// Compiles and runs the self-check of a folder; prints a line and returns `None` without a compiler.
 fn self_check(folder: &Path, language: Language) -> Option<(Option<i32>, String)> {
     let compiled = |command: &mut Command| {
         let output = command.current_dir(folder).output().expect("the compiler starts");
@@ -75,7 +75,7 @@ fn self_check(folder: &Path, language: Language) -> Option<(Option<i32>, String)
     Some((output.status.code(), text(&output.stdout) + &text(&output.stderr)))
 }
 
-/// A figure that a self-check printed.
+/// A value from the output of a self-check.
 fn figure(printed: &str, name: &str) -> f64 {
     let line = printed.lines().find_map(|line| line.strip_prefix(name)).expect(name);
     line.trim().parse().expect("a number")
@@ -121,7 +121,7 @@ fn an_identified_arm_becomes_code_that_gives_its_torques() {
     }
     assert!(files[1].1.contains("; J2_mPx + 0.27 J3_m"), "{}", files[1].1);
 
-    // generated again, and from a saved set of the same cycles, the bytes are the same
+    // a second run, and one from a saved set of the same cycles, give the same bytes
     workshop.stdout(&arguments, 0);
     assert_eq!(generated(&folder), files);
     workshop.stdout(&["identify", "--run", "1", "--save", "both"], 0);
@@ -135,7 +135,7 @@ fn an_identified_arm_becomes_code_that_gives_its_torques() {
     what_cannot_be_is_said(&workshop);
 }
 
-/// Comparisons of numpy's numbers give truth values without arithmetic.
+/// Comparisons of numpy's numbers give truth values that do not support arithmetic.
 fn python_takes_numbers_of_numpy(folder: &Path) {
     const CALL: &str = "
 import er3a_torque
@@ -196,7 +196,7 @@ fn friction_follows_the_warmth(workshop: &Workshop) {
     assert!(cold.contains("at minute 0.5 of the recording"), "{cold}");
 }
 
-/// The self-checks can fail.
+/// Checks that the self-checks can fail.
 fn a_wrong_constant_is_found(folder: &Path) {
     let source = folder.join("er3a_torque.py");
     let right = fs::read_to_string(&source).expect("the source");
@@ -253,7 +253,7 @@ fn what_cannot_be_is_said(workshop: &Workshop) {
     assert!(workshop.path("mine/vectors.csv").exists());
 }
 
-/// Nominal parameters of the shipped ER3A without friction and motors, at the states for which Pinocchio computed torques.
+/// Nominal parameters of the shipped ER3A without friction and motors, at the states of torques computed by Pinocchio.
 #[test]
 fn generated_code_agrees_with_pinocchio() {
     const COMPARE: &str = "\
@@ -319,12 +319,12 @@ fn a_sliding_joint_and_seven_joints_in_dh_tables_become_code() {
     assert!(vectors.lines().next().expect("a header").contains("tau_3_n,tau_4_nm"), "{vectors}");
 }
 
-/// Seven joints of made-up bodies, axes turned against each other by odd angles now and then.
+/// Seven joints with invented bodies, with some axes turned against each other by unusual angles.
 fn seven_joints() -> String {
     fs::read_to_string(reference("seven_joints.toml")).expect("a description")
 }
 
-/// Every friction law, a motor that turns with two joints, and sensors behind the gears, with made-up parameters.
+/// Every friction law, a motor that turns with two joints, and sensors after the gears, with invented parameters.
 #[test]
 fn every_friction_law_and_coupled_motors_become_code() {
     let workshop = Workshop::new();

@@ -1,10 +1,10 @@
-//! `armwatch robot urdf`: from a recording to a file that other programs read.
+//! `armwatch robot urdf`: from a recording to a file for other programs.
 
 use std::fs;
 
 use crate::support::{Workshop, reference, text};
 
-/// Poses by frames that were written with all digits.
+/// Tolerance of poses, with frames that are written with all digits.
 const EQUAL: f64 = 1e-9;
 
 fn json(text: &str) -> serde_json::Value {
@@ -43,7 +43,7 @@ fn a_simulated_recording_becomes_a_file_that_is_the_same_arm() {
         let (free, consistent) = (figure("unconstrained_rmsd_nm"), figure("consistent_rmsd_nm"));
         assert!((0.95 * free..1.05 * free).contains(&consistent), "{joint}");
     }
-    // One joint may gain a little at the cost of another, all together cannot.
+    // One joint may gain slightly at the cost of another, but not all together.
     let sum = |name: &str| found[name].as_f64().expect("a sum");
     assert!(sum("residual_sum_of_squares") >= sum("unconstrained_sum_of_squares"), "{found}");
     let written = fs::read_to_string(workshop.path("arm.urdf")).expect("the file");
@@ -55,8 +55,7 @@ fn a_simulated_recording_becomes_a_file_that_is_the_same_arm() {
     ] {
         assert!(written.contains(said), "{said}\n{written}");
     }
-    // Read again, it has the poses that Pinocchio gave for the description; its torques are those of
-    // other bodies, which is a difference.
+    // Read again, it has the poses of the description by Pinocchio; its torques are those of other bodies, and differ.
     let table = reference("er3a_inverse_dynamics.csv");
     let table = table.to_str().expect("a path");
     let again = describe(&workshop, "arm.urdf");
@@ -104,8 +103,8 @@ fn a_real_arm_with_a_coupled_wrist_and_no_known_weights_becomes_bodies() {
     assert_eq!(found["links"][0]["assumption"], "uniform body");
     for joint in found["price_of_physics"].as_array().expect("six joints") {
         let figure = |name: &str| joint[name].as_f64().expect("a figure");
-        // Four seconds of one motion leave unconstrained parameters that are no bodies; the torque is
-        // explained nearly as well by some.
+        // The unconstrained parameters of four seconds of one motion are no bodies; some bodies explain the torque
+        // nearly as well.
         assert!(figure("consistent_rmsd_nm") < 1.1 * figure("unconstrained_rmsd_nm"), "{joint}");
     }
     let again = describe(&workshop, "tx40.urdf");

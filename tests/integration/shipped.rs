@@ -1,4 +1,4 @@
-//! What is shipped works as it is.
+//! The shipped files work unchanged.
 
 use std::fs;
 use std::path::Path;
@@ -25,7 +25,7 @@ fn the_shipped_configuration_has_no_problems() {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/armwatch.toml");
     let out = workshop.stdout(&["config", "check", "--config", config.to_str().expect("a path")], 0);
     assert!(out.contains("no problems") && out.contains("er3a"), "{out}");
-    // a lone binary in an empty folder has it too
+    // the binary alone, in an empty folder, has it too
     fs::remove_file(workshop.path("armwatch.toml")).expect("removed");
     let out = workshop.stdout(&["config", "check"], 0);
     assert!(out.contains("shipped configuration"), "{out}");

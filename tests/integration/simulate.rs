@@ -1,4 +1,4 @@
-//! `armwatch simulate`: what it refuses before it begins, and what it says of faults.
+//! `armwatch simulate`: refused arguments, and messages about faults.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::support::{Workshop, text};
 /// An export of a few seconds.
 const SHORT: [&str; 8] = ["simulate", "-o", "made", "--cycles", "1", "--warming-s", "0", "--levels=none"];
 
-/// Runs, and returns what is said on standard error.
+/// Runs the simulator and returns its standard error.
 fn said(workshop: &Workshop, more: &[&str], code: i32) -> String {
     let output = workshop.run(&[&SHORT[..], more].concat());
     assert_eq!(output.status.code(), Some(code), "{more:?}: {}", text(&output.stderr));
@@ -49,7 +49,7 @@ fn a_start_that_no_export_has_is_refused_with_those_that_are_taken() {
         );
     }
     assert!(!workshop.path("made").exists(), "nothing is written");
-    // the first and the last that are taken are read
+    // the first and the last permitted starts can be read
     said(&workshop, &["--start", "1980-01-01T00:00:00Z"], 0);
     said(&workshop, &["--start", "2199-12-31T23:59:00Z"], 0);
     let exports: Vec<String> =
@@ -87,7 +87,7 @@ fn a_programme_or_points_that_are_not_there_are_a_wrong_command_line() {
     assert!(!workshop.path("made").exists());
 }
 
-/// A folder that cannot be made: every command that writes several files says what helps.
+/// For a folder that cannot be created, every command that writes several files prints a remedy.
 #[test]
 fn where_nothing_can_be_written_a_remedy_is_said() {
     let workshop = Workshop::new();

@@ -1,5 +1,5 @@
-//! Clients that take connections and do nothing with them: they read no answer, send half a request, or hold an event
-//! stream. The daemon goes on answering others.
+//! Clients that connect and then do nothing: they read no answer, send half a request, or hold an event stream. The
+//! daemon continues to answer others.
 
 use std::fs;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -15,19 +15,19 @@ use crate::support::{Daemon, Workshop, pass, wait_until};
 
 const TOKEN: &str = "a-token-of-this-test-0123456789";
 
-/// Set in the process that has a network of its own.
+/// Set in the process with a separate network.
 const INSIDE: &str = "ARMWATCH_TEST_OWN_NETWORK";
 
-/// More than the daemon gives to one network, and more than it has.
+/// More than the daemon's limit for one network, and more than its total.
 const CROWD: usize = 300;
 
-/// The longest wait for `/health`. It takes less than a second on an idle machine; this one runs other tests.
+/// The longest wait for `/health`. It takes less than a second on an idle machine; other tests run on this one.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What a client does with its connection.
+/// Behaviour of a client.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
-    /// Asks for more than fits into all buffers, and reads nothing.
+    /// Requests more than fits into all buffers, and reads nothing.
     Reader,
     /// Sends half of the headers.
     Writer,
@@ -76,10 +76,10 @@ impl Served {
         served
     }
 
-    /// How long an answer to `/health` takes; `None` without one within `PATIENCE`.
+    /// Duration of an answer to `/health`; `None` without one within `PATIENCE`.
     ///
-    /// A program that checks health tries again if its connection is closed. The daemon closes one whose request has
-    /// not arrived before 256 others connect, which happens on a machine that is busy with other tests.
+    /// A health check retries if its connection is closed. The daemon closes a connection whose request has not arrived
+    /// before 256 others connect, which happens on a busy machine.
     fn health(&self) -> Option<Duration> {
         let began = Instant::now();
         loop {
@@ -93,7 +93,7 @@ impl Served {
         }
     }
 
-    /// Sockets that the daemon has open.
+    /// Number of open sockets of the daemon.
     fn sockets(&self) -> usize {
         let folder = format!("/proc/{}/fd", self.daemon.child.id());
         let files = fs::read_dir(folder).expect("files of the daemon").flatten();
@@ -103,8 +103,8 @@ impl Served {
         files.filter(is_socket).count()
     }
 
-    /// Holds `count` connections of a kind, the numbered client at `address`, and replaces one after the other by a new
-    /// one, while `/health` is asked for. Returns the longest time for an answer.
+    /// Holds `count` connections of a kind, the numbered client at `address`, and replaces them one after the other,
+    /// while it requests `/health`. Returns the longest time for an answer.
     fn under(
         &self,
         kind: Kind,
@@ -145,7 +145,7 @@ impl Served {
     }
 }
 
-/// Opens a connection from an address of this machine and sends what the kind sends.
+/// Opens a connection from an address of this machine and sends the beginning of the kind's request.
 async fn attack(kind: Kind, from: IpAddr, port: u16) -> std::io::Result<TcpStream> {
     let (socket, to) = match from {
         IpAddr::V4(_) => (TcpSocket::new_v4()?, IpAddr::V4(Ipv4Addr::LOCALHOST)),
@@ -161,7 +161,7 @@ async fn attack(kind: Kind, from: IpAddr, port: u16) -> std::io::Result<TcpStrea
     tokio::time::timeout(Duration::from_secs(10), begun).await.unwrap_or_else(|late| Err(late.into()))
 }
 
-/// The numbered address of a network of version 4 with 65,536 addresses, all of this machine.
+/// The numbered address of an IPv4 network with 65,536 addresses, all of this machine.
 fn of_this_machine(number: usize) -> IpAddr {
     let [high, low] = u16::try_from(number).expect("a small number").to_be_bytes();
     IpAddr::V4(Ipv4Addr::new(127, 9, high, low))
@@ -183,7 +183,7 @@ fn whatever_others_hold_health_is_answered_and_other_networks_keep_theirs() {
             let mut bytes = [0; 4096];
             let count = page.try_read(&mut bytes).unwrap_or(0);
             heard.extend_from_slice(&bytes[..count]);
-            // the first one comes at once
+            // the first event is sent at once
             String::from_utf8_lossy(&heard).matches("event: alive").count() > 1
         },
         || "a page of another network hears nothing".to_owned(),
@@ -215,7 +215,7 @@ fn one_network_of_version_6_is_one_client_whatever_its_addresses() {
             }
             held
         });
-        // a quarter of the connections; those that were closed go soon
+        // a quarter of the connections; closed ones disappear soon
         wait_until(|| served.sockets() <= before + 64, || format!("{} sockets", served.sockets()));
         drop(held);
         let longest = served.under(Kind::Writer, CROWD, Duration::ZERO, address);
@@ -261,7 +261,7 @@ fn a_thousand_slow_clients_delay_health_by_less_than_a_second_and_are_cut() {
         if matches!(kind, Kind::Stream) {
             continue;
         }
-        // clients that go on doing nothing lose their connections
+        // clients that stay idle lose their connections
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         let held = runtime.block_on(async {
             let mut held = Vec::new();

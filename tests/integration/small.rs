@@ -1,4 +1,4 @@
-//! Exports that the daemon takes in half a second: the arm with the fewest joints, three short cycles.
+//! Exports that the daemon reads in half a second: the arm with the fewest joints, three short cycles.
 
 use std::collections::HashMap;
 use std::fs;
@@ -10,7 +10,7 @@ use crate::support::Workshop;
 /// Cycles of each export.
 pub const CYCLES: &str = "3";
 
-/// An export as it would lie on disk.
+/// An export as on disk.
 #[derive(Debug, Clone)]
 pub struct Export {
     pub name: String,
@@ -18,7 +18,7 @@ pub struct Export {
 }
 
 impl Export {
-    /// The same as a file of another name.
+    /// The same with another name.
     pub fn named(&self, name: &str) -> Self {
         Self { name: name.to_owned(), bytes: self.bytes.clone() }
     }
@@ -40,7 +40,7 @@ impl Export {
         self
     }
 
-    /// Lines from the header on, each with its end.
+    /// Lines from the header on, including their ends.
     pub fn lines(&self) -> Vec<&[u8]> {
         self.bytes.split_inclusive(|byte| *byte == b'\n').collect()
     }
@@ -58,13 +58,13 @@ pub fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().expect("compressed")
 }
 
-/// The export of a robot that begins on a day of January; the seed alone decides its content. Made once for all
+/// The export of a robot that begins on a day of January; only the seed determines its content. Created once for all
 /// tests.
 pub fn export(robot: &str, seed: u32, day: u32) -> Export {
     made(robot, seed, &format!("2026-01-{day:02}T08:47:00Z"), &[])
 }
 
-/// The same as a log of ordinary work from the afternoon of that day, see [`watching_work`].
+/// The same as a production log from the afternoon of that day, see [`watching_work`].
 pub fn work(robot: &str, seed: u32, day: u32) -> Export {
     made(robot, seed, &format!("2026-01-{day:02}T14:00:00Z"), &["--stage-signal", "none"])
 }
@@ -92,7 +92,7 @@ pub fn workshop() -> Workshop {
     workshop
 }
 
-/// As [`workshop`], and exports without signals are logs of ordinary work.
+/// Like [`workshop`], with exports without signals as production logs.
 pub fn watching_work() -> Workshop {
     let workshop = workshop();
     workshop.watch_work("scara", 1 + 3 * 4);

@@ -1,5 +1,5 @@
 //! Sound recordings of many arms, rates, frictions, clocks and lengths, through the whole analysis: they must be
-//! taken. The other side of the balance, wrong recordings that must not pass, is in `wrong_recordings`.
+//! accepted. The opposite, wrong recordings that must not pass, is in `wrong_recordings`.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -27,14 +27,14 @@ const SHAPES: [FrictionShape; 6] = [
     FrictionShape::Presliding,
 ];
 
-/// Rates, the more often the less a recording of it costs: one of 5 kHz takes as long as fifty of 50 Hz.
+/// Rates with their frequencies, higher for cheaper recordings: one of 5 kHz takes as long as fifty of 50 Hz.
 const RATES_HZ: [(f64, u32); 8] =
     [(10.0, 6), (30.0, 6), (50.0, 6), (100.0, 6), (250.0, 4), (500.0, 2), (1000.0, 1), (5000.0, 1)];
 
 /// Share of sound recordings that must give a complete cycle.
 const LEAST_ACCEPTED: f64 = 0.995;
 
-/// How the instants of a recording lie.
+/// Distribution of the times of a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Steps {
     Even,
@@ -46,7 +46,7 @@ enum Steps {
 
 const STEPS: [Steps; 4] = [Steps::Even, Steps::Alternating, Steps::Jittering, Steps::Dropping];
 
-/// One recording of the table, all of it.
+/// One recording of the table.
 #[derive(Debug, Clone, Copy)]
 struct Case {
     seed: u64,
@@ -54,13 +54,13 @@ struct Case {
     rate_hz: f64,
     shape: FrictionShape,
     steps: Steps,
-    /// Length of the excitation that is kept, s.
+    /// Length of the excitation that is used, s.
     length_s: f64,
     with_velocity: bool,
 }
 
 impl Case {
-    /// Drawn from all combinations; the same number is the same case.
+    /// A random case from all combinations; the same seed gives the same case.
     fn drawn(seed: u64, arms: usize) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x50bd);
         let rates: Vec<f64> =
@@ -72,14 +72,14 @@ impl Case {
             rate_hz,
             shape: SHAPES[rng.random_range(0..SHAPES.len())],
             steps: STEPS[rng.random_range(0..STEPS.len())],
-            // a short recording has one period of the excitation or a little less
+            // a short recording has one period of the excitation or slightly less
             length_s: if rng.random_bool(0.25) { rng.random_range(8.0..10.0) } else { f64::INFINITY },
             with_velocity: rng.random_bool(0.7),
         }
     }
 }
 
-/// An arm as its description has it, and whether the description says what its bodies are.
+/// An arm of a description, and true if the description contains its bodies.
 fn arms() -> Vec<(&'static str, Robot, bool)> {
     vec![
         ("er3a", shipped("er3a"), true),
@@ -89,8 +89,8 @@ fn arms() -> Vec<(&'static str, Robot, bool)> {
     ]
 }
 
-/// The same arm with the bodies, frictions and noise that another specimen of it may have: what carries, within a
-/// fifth; friction and noise within a factor of two.
+/// The same arm with the bodies, frictions and noise of another specimen: bodies within a fifth; friction and noise
+/// within a factor of two.
 fn specimen(mut robot: Robot, seed: u64) -> Robot {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     for joint in &mut robot.joints {
@@ -109,7 +109,7 @@ fn specimen(mut robot: Robot, seed: u64) -> Robot {
     robot
 }
 
-/// The excitation stage of a case, and half a second around it.
+/// The excitation stage of a case, and half a second before and after it.
 fn recorded(robot: &Robot, case: &Case) -> Samples {
     let settings = SimulationSettings {
         seed: case.seed,
@@ -157,14 +157,14 @@ fn recorded(robot: &Robot, case: &Case) -> Samples {
     samples
 }
 
-/// Recordings of one property: how many there are, and why some were not taken.
+/// Number of recordings with one property, and of those that were refused.
 #[derive(Debug, Default)]
 struct Tally {
     cases: usize,
     refused: usize,
 }
 
-/// Analyses the cases `seeds`; returns what was not taken, and counts by property.
+/// Analyses the cases `seeds`; returns the refused ones, and counts by property.
 fn balance(seeds: std::ops::Range<u64>) -> (Vec<String>, BTreeMap<String, Tally>) {
     let arms = arms();
     let methods: Vec<Method> = arms
@@ -214,7 +214,7 @@ fn balance(seeds: std::ops::Range<u64>) -> (Vec<String>, BTreeMap<String, Tally>
     (refused, counts)
 }
 
-/// Why a cycle is not a complete one; `None` if it is.
+/// The reason for a cycle that is not complete; `None` if it is.
 fn why_not(analysis: &CycleAnalysis) -> Option<String> {
     let doubts = || analysis.is_doubtful().then(|| analysis.remarks.join("; "));
     analysis.identification.as_ref().err().cloned().or_else(doubts)
@@ -243,7 +243,8 @@ fn sound_recordings_of_many_arms_are_taken() {
     assert_taken(0..60);
 }
 
-/// `cargo test --test integration -- --ignored --nocapture sound_recordings` prints the table of docs/evidence/method.md.
+/// Prints the table of docs/evidence/method.md:
+/// `cargo test --test integration -- --ignored --nocapture sound_recordings`.
 #[test]
 #[ignore = "minutes: 1,200 recordings"]
 fn sound_recordings_of_twelve_hundred_are_taken() {

@@ -1,4 +1,4 @@
-//! One recording with its stages told in every way gives the same results.
+//! One recording gives the same results with all kinds of stage signals.
 
 use std::fs;
 use std::path::Path;
@@ -23,7 +23,7 @@ fn with_stage(section: &str) -> Workshop {
 
 const COUNTED: [&str; 4] = ["--cycles", "2", "--warming-s", "10"];
 
-/// Every figure that rests on stages.
+/// All values that depend on stages.
 const FIGURES: &str = "SELECT cycle, joint, parameter, value, std_error FROM cycle_parameters
      UNION ALL SELECT cycle, joint, stage, rmsd_nm, samples FROM cycle_rmsd
      UNION ALL SELECT cycle, joint, speed_fraction || ' ' || direction, torque_nm, samples FROM friction_points
@@ -44,7 +44,7 @@ fn words_columns_and_levels_give_what_numbers_give() {
     assert_eq!(figures(Some(words), "text"), numbers);
     let one_hot = "kind = \"one_hot\"\nexcitation = \"exc\"\nfriction = \"fric\"\nwarming = \"warm\"";
     assert_eq!(figures(Some(one_hot), "one-hot"), numbers);
-    // a spike at the very boundary may move it by a row
+    // a spike at the boundary may move it by a row
     let levels = "kind = \"levels\"\ncolumn = \"stage\"\nbetween = [-0.5, 0.5]\nexcitation = [2, 3]\n\
                   friction = [4.5, 5.5]\nwarming = [7, 8]\nhysteresis = 0.2\ndebounce_s = 0.1";
     assert_eq!(figures(Some(levels), "analogue"), numbers);
@@ -77,7 +77,7 @@ fn two_stages_at_once_are_refused_with_their_line() {
     );
 }
 
-/// Without any signal the stages also hold the approaches to them: the same arm, seen over other rows.
+/// Without any signal the stages also contain the approaches to them: the same arm, from other rows.
 #[test]
 fn motion_alone_gives_the_same_cycles_friction_and_parameters_within_their_errors() {
     let signals = Workshop::new();
@@ -102,7 +102,7 @@ fn motion_alone_gives_the_same_cycles_friction_and_parameters_within_their_error
     };
     let (expected, found) = (points(&signals), points(&motion));
     assert!(expected.len() > 100, "{}", expected.len());
-    // by motion a level may be seen where the signals' level is not held
+    // by motion a level may be found that is not constant at the signals' level
     let off = |(key, torque): &(String, f64)| {
         let same = found.iter().find(|(other, _)| other == key).unwrap_or_else(|| panic!("no point {key}"));
         (same.1 - torque).abs() / torque.abs()
@@ -125,10 +125,10 @@ fn motion_alone_gives_the_same_cycles_friction_and_parameters_within_their_error
         expected.iter().zip(&found).map(|(a, b)| (a[0] - b[0]).abs() / a[1].hypot(b[1])).collect();
     off.sort_by(f64::total_cmp);
     let median = off[off.len() / 2];
-    // other rows of the same noise: well within the errors that both state
+    // other rows of the same noise: well within the standard errors of both
     assert!(off[off.len() - 1] < 2.0, "{off:?}");
     assert!(median < 0.5, "{off:?}");
 }
 
-/// Plateaus found by motion may begin and end some rows apart from those that signals tell.
+/// Tolerance of friction: plateaus found by motion may begin and end some rows apart from those of signals.
 const FRICTION: f64 = 0.01;

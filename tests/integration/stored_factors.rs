@@ -88,7 +88,7 @@ fn count(value: &serde_json::Value) -> usize {
     value.as_array().map_or(0, Vec::len)
 }
 
-/// Nine cycles: enough for their own scatter, and for a robust estimate.
+/// Nine cycles: enough for a scatter of their own, and for a robust estimate.
 fn nine_cycles() -> Workshop {
     let workshop = Workshop::new();
     workshop.simulate("inbox", &["--runs", "1", "--cycles", "9", "--warming-s", "5"]);
@@ -165,7 +165,7 @@ fn a_history_is_identified_again_kept_listed_and_deleted() {
     let lines: Vec<serde_json::Value> = lines.lines().map(json).collect();
     assert_eq!(lines.len(), 8, "six cycles and two runs");
     assert_eq!((count(&lines[0]["parameters"]), count(&lines[6]["statistics"])), (64, 64));
-    // the configured estimator on each cycle is what the pipeline did
+    // for the configured estimator and each cycle, the result is that of the pipeline
     let different = "SELECT count(*) FROM reestimated_parameters AS again
          JOIN cycle_parameters AS first USING (run_id, cycle, joint, parameter)
          WHERE abs(again.value - first.value) <= 1e-9 * abs(first.value)";

@@ -1,5 +1,5 @@
-//! Exports that grow, before the real daemon: cycles show while the file is written, and whatever the
-//! writer and the daemon do in between, the rows are those of the whole file read once.
+//! Exports that grow, read by the real daemon. Cycles show while the file is written. The rows are those of the whole
+//! file read once, whatever the writer and the daemon did before.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
@@ -15,11 +15,11 @@ use crate::support::{Workshop, assert_alike, pass};
 const COMPLETE: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
 const CYCLES: &str = "SELECT COUNT(*) FROM cycles";
 
-/// Longest time that a test's writer takes for a file: far longer than a look of the daemon takes, and
-/// each pause far shorter than the time to settle.
+/// Longest time of a test's writer for a file: far longer than a scan of the daemon, and with pauses far shorter than
+/// the time to settle.
 const WRITING: Duration = Duration::from_millis(2500);
 
-/// An export to be written slowly, and what the database holds after reading it once.
+/// An export to be written slowly.
 struct Export {
     name: String,
     text: Vec<u8>,
@@ -39,7 +39,7 @@ impl Export {
         golden(&[self])
     }
 
-    /// Place behind the last row of cycle `number`, and that many bytes of the next row.
+    /// Place after the last row of cycle `number`, plus that many bytes of the next row.
     fn end_of_cycle(&self, number: u32) -> usize {
         let text = std::str::from_utf8(&self.text).expect("text");
         let mut at = 0;
@@ -74,7 +74,7 @@ fn append(path: &PathBuf, bytes: &[u8]) {
     file.write_all(bytes).expect("written");
 }
 
-/// Cuts of `length` bytes into `pieces` pieces of any size.
+/// Cuts of `length` bytes into `pieces` pieces of random size.
 fn pieces(random: &mut ChaCha8Rng, length: usize, pieces: usize) -> Vec<usize> {
     let mut cuts: Vec<usize> = (1..pieces).map(|_| random.random_range(0..=length)).collect();
     cuts.extend([0, length]);
@@ -82,7 +82,7 @@ fn pieces(random: &mut ChaCha8Rng, length: usize, pieces: usize) -> Vec<usize> {
     cuts
 }
 
-/// Appends an export in pieces of random size, which take [`WRITING`] together.
+/// Appends an export in pieces of random size within [`WRITING`].
 fn write_slowly(path: &PathBuf, text: &[u8], random: &mut ChaCha8Rng, count: usize) {
     let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
     for cut in pieces(random, text.len(), count).windows(2) {
@@ -110,7 +110,7 @@ fn a_cycle_is_stored_while_its_file_is_still_written() {
     let path = workshop.inbox(&export.name);
     let first = export.end_of_cycle(1);
     append(&path, &export.text[..first / 2]);
-    // seen to grow, it is read
+    // it is read after it was seen growing
     workshop.wait_for_a_look();
     append(&path, &export.text[first / 2..first]);
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'streaming' AND content_hash IS NULL", 1);
@@ -118,7 +118,7 @@ fn a_cycle_is_stored_while_its_file_is_still_written() {
     let mut from = first;
     for cycle in 1..4 {
         let to = export.end_of_cycle(cycle + 1);
-        // all but the last row of the next cycle, so that it is not over
+        // all except the last row of the next cycle, so that it is not over
         append(&path, &export.text[from..to - 1]);
         let written = Instant::now();
         workshop.wait_for(CYCLES, i64::from(cycle));
@@ -127,7 +127,7 @@ fn a_cycle_is_stored_while_its_file_is_still_written() {
         append(&path, &export.text[to - 1..to]);
         from = to;
     }
-    // the last cycle ends with the file, and the mark says where that is
+    // the last cycle ends with the file, and the marker shows its end
     fs::write(workshop.inbox(&format!("{}.done", export.name)), "").expect("a mark");
     workshop.wait_for(COMPLETE, 1);
     assert_alike(&workshop.dump(), &export.golden(), "dump");
@@ -213,7 +213,7 @@ fn a_file_that_grows_after_it_was_complete_is_continued() {
     let inside = (export.end_of_cycle(2) + export.end_of_cycle(3)) / 2;
     let behind_a_row =
         inside + export.text[inside..].iter().position(|byte| *byte == b'\n').expect("a row") + 1;
-    // a row that is cut at the end of a file is left out, until it is not the end any more
+    // a row that is cut at the end of a file is skipped until more bytes follow
     for (cut, before) in [(behind_a_row, "complete|3"), (behind_a_row - 30, "complete|3")] {
         let workshop = Workshop::new();
         let daemon = started(&workshop);
@@ -222,10 +222,10 @@ fn a_file_that_grows_after_it_was_complete_is_continued() {
         workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status <> 'streaming'", 1);
         assert_eq!(workshop.query("SELECT status, cycles FROM runs"), [before]);
         append(&path, &export.text[cut..]);
-        // to the last row: a busy machine may write so slowly that the file settles in between
+        // until the last row: a busy machine may write so slowly that the file settles before
         workshop
             .wait_for(&format!("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND rows = {rows}"), 1);
-        // what was found of the file at first stays in the history of faults, and nowhere else
+        // earlier findings about the file stay only in the history of faults
         let but_faults = |dump: &str| without(dump, "quarantine");
         assert_alike(&but_faults(&workshop.dump()), &but_faults(&golden), before);
         let faults = "SELECT state, problem, cycles_stored FROM quarantine";
@@ -233,7 +233,7 @@ fn a_file_that_grows_after_it_was_complete_is_continued() {
         assert_eq!(found.len(), usize::from(before.starts_with("quarantined")), "{found:?}");
         assert!(found.iter().all(|fault| fault == "stored|last line is cut|2"), "{found:?}");
         stop(daemon);
-        // the same while no daemon runs, by the one-shot command
+        // the same without a daemon, by the one-shot command
         let other = Workshop::new();
         append(&other.inbox(&export.name), &export.text[..cut]);
         other.run(&["ingest", "inbox"]);
@@ -284,7 +284,7 @@ fn a_file_written_over_is_superseded_and_kept() {
         workshop.query("SELECT SUM(samples) FROM warmup_fits WHERE run_id = 2 AND speed_fraction = 0.6");
     assert_eq!(fits, alone, "the superseded run takes part in the fits over all runs");
 
-    // the first content comes back
+    // the first content is written again
     fs::write(&path, &old.text).expect("written");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 2", 1);
     assert_eq!(
@@ -328,7 +328,7 @@ fn a_file_truncated_while_it_grows_is_begun_anew_and_its_cycles_are_kept() {
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE run_id = 2 AND status = 'complete'", 1);
     let runs =
         workshop.query("SELECT run_id, status, cycles, content_hash IS NULL FROM runs ORDER BY run_id");
-    // the first run ended with the rows that were read, and the new recording of the same test supersedes it
+    // the first run ended with the rows read so far, and the new recording of the same test supersedes it
     assert_eq!(runs, ["1|superseded|2|0", "2|complete|3|0"]);
     let parameters = |workshop: &Workshop, run: u32| {
         workshop.query(&format!(
@@ -342,7 +342,7 @@ fn a_file_truncated_while_it_grows_is_begun_anew_and_its_cycles_are_kept() {
     stop(daemon);
 }
 
-/// A tool copies the file and cuts it (`copytruncate`), and its writer goes on in the middle of a row.
+/// A tool copies the file and truncates it (`copytruncate`), and its writer continues in the middle of a row.
 #[test]
 fn rows_without_a_header_behind_a_cut_are_read_by_the_header_before() {
     let export = Export::new("A", 3, 9);
@@ -368,7 +368,7 @@ fn rows_without_a_header_behind_a_cut_are_read_by_the_header_before() {
     append(&path, &export.text[middle..]);
     fs::write(workshop.inbox(&format!("{}.done", export.name)), "").expect("a mark");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE run_id = 2 AND status = 'complete'", 1);
-    // what goes on does not replace what was there before
+    // the rest does not replace the earlier run
     assert_eq!(
         workshop.query("SELECT run_id, status, cycles FROM runs ORDER BY run_id"),
         ["1|complete|2", "2|complete|1"]
@@ -404,7 +404,7 @@ fn a_file_renamed_while_it_grows_stays_one_run() {
     fs::rename(&path, &moved).expect("renamed");
     append(&moved, &export.text[first..second]);
     workshop.wait_for(CYCLES, 2);
-    // and once more while no daemon looks
+    // and again without a running daemon
     daemon.signal("KILL");
     assert_eq!(daemon.end(), None);
     fs::rename(&moved, &moved_again).expect("renamed");
@@ -422,7 +422,7 @@ fn a_file_renamed_while_it_grows_stays_one_run() {
 fn a_copy_of_the_whole_content_makes_no_second_run() {
     let export = Export::new("A", 3, 12);
     let golden = export.golden();
-    // the copy is stored before the growing file is done, and comes after it
+    // the copy is stored before the growing file is finished, or after it
     for copy_first in [true, false] {
         let workshop = Workshop::new();
         workshop.set("settle_s", "0.6");

@@ -1,4 +1,4 @@
-//! A folder of its own for each test, the real binary, and a look into the database.
+//! A separate folder for each test, the real binary, and queries of the database.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,16 +15,16 @@ use sqlx::{Connection, Row, TypeInfo, ValueRef};
 
 use crate::canon;
 
-/// Longest wait for something that happens within a second on an idle machine.
+/// Longest wait for an event that takes less than a second on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A command that runs this long hangs: the longest of a quick test takes half a minute on an idle machine.
 const LONGEST_COMMAND: Duration = Duration::from_secs(600);
 
-/// Time between two looks at what is waited for.
+/// Time between two checks of a condition.
 const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Waits until something is so, and fails with what `missing` says if it does not become so.
+/// Waits until a condition is true, and panics with the text of `missing` if it stays false.
 #[track_caller]
 pub fn wait_until(mut is_so: impl FnMut() -> bool, missing: impl FnOnce() -> String) {
     let start = Instant::now();
@@ -36,16 +36,16 @@ pub fn wait_until(mut is_so: impl FnMut() -> bool, missing: impl FnOnce() -> Str
     }
 }
 
-/// Lets time pass that is part of what a test plays: the pace of a writer, the life of a process that is killed. What a
-/// test finds is waited for with [`wait_until`] instead.
+/// Waits for a time that is part of the scenario: the pace of a writer, the life of a process that is killed. For
+/// results, use [`wait_until`].
 pub fn pass(time: Duration) {
     thread::sleep(time);
 }
 
-/// What daemons of tests log: every look at the folders, so that a test can wait for one.
+/// Log levels of daemons in tests: they include every scan of the folders, so that a test can wait for one.
 pub const LOG_LEVELS: &str = "warn,armwatch=trace";
 
-/// A test's own folder with a configuration that watches `inbox` and stores in `armwatch.db`.
+/// A test's folder with a configuration that watches `inbox` and stores in `armwatch.db`.
 pub struct Workshop {
     folder: tempfile::TempDir,
 }
@@ -73,15 +73,15 @@ impl Workshop {
         fs::write(path, set + "\n").expect("a configuration");
     }
 
-    /// Describes all robots by another shipped description, such as `scara`.
+    /// Sets another shipped description, such as `scara`, for all robots.
     pub fn describe(&self, model: &str) {
         let path = self.path("armwatch.toml");
         let text = fs::read_to_string(&path).expect("the configuration");
         fs::write(path, text.replace("er3a.toml", &format!("{model}.toml"))).expect("a configuration");
     }
 
-    /// Takes exports of so many columns, as the simulator names those without signals, as logs of ordinary work of
-    /// robots of this description.
+    /// Configures exports with this number of columns, named as the simulator does without signals, as production logs
+    /// of robots of this description.
     pub fn watch_work(&self, model: &str, columns: usize) {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).display();
         let path = self.path("armwatch.toml");
@@ -101,7 +101,7 @@ impl Workshop {
         self.path("inbox").join(name)
     }
 
-    /// Copies a reference export into the folder under its own name.
+    /// Copies a reference export into the folder with its original name.
     pub fn add_reference(&self, folder: &str) -> PathBuf {
         let target = self.path(folder).join(REFERENCE_NAME);
         fs::copy(reference(REFERENCE_NAME), &target).expect("a copy");
@@ -114,8 +114,8 @@ impl Workshop {
         command
     }
 
-    /// Runs to the end; a program that does not come to its end is killed, and its status then is none. Its own children,
-    /// which have its pipes, are killed with it.
+    /// Runs to the end; a program that hangs is killed, and its status is then none. Its child processes, which have
+    /// its pipes, are killed with it.
     pub fn run(&self, arguments: &[&str]) -> Output {
         let mut command = self.command(arguments);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
@@ -148,7 +148,7 @@ impl Workshop {
         out.lines().map(|line| self.path(line.split(" (").next().expect("a path"))).collect()
     }
 
-    /// A daemon with its whole log at the end of the file `daemon.log`.
+    /// Starts a daemon that appends its whole log to the file `daemon.log`.
     pub fn daemon(&self) -> Daemon {
         let log = fs::OpenOptions::new().create(true).append(true).open(self.path("daemon.log"));
         let mut command = self.command(&["run"]);
@@ -156,7 +156,7 @@ impl Workshop {
         Daemon { child: command.spawn().expect("the daemon starts") }
     }
 
-    /// Times at which daemons have ended a look at their folders, with what the log says of it.
+    /// Times when daemons have ended a scan of their folders, with the rest of the log line.
     fn looks(&self) -> Vec<(Timestamp, String)> {
         let log = self.log();
         let look = |line: &str| {
@@ -166,17 +166,17 @@ impl Workshop {
         log.lines().filter_map(look).collect()
     }
 
-    /// Looks that have begun after a time: the first that has ended after it may have begun before.
+    /// Scans that began after a time: the first that ended after it may have begun before.
     fn looks_since(&self, time: Timestamp) -> Vec<(Timestamp, String)> {
         self.looks().into_iter().filter(|(at, _)| *at > time).skip(1).collect()
     }
 
-    /// Waits until the daemon has looked at its folders as they are now.
+    /// Waits until the daemon has scanned the present state of its folders.
     pub fn wait_for_a_look(&self) {
         self.wait_for_looks_over(Duration::ZERO);
     }
 
-    /// Waits until the daemon has looked at its folders as they are now, and again so much later.
+    /// Waits until the daemon has scanned the present state of its folders, and again after this time.
     pub fn wait_for_looks_over(&self, time: Duration) {
         let called = Timestamp::now();
         let enough = || {
@@ -187,8 +187,8 @@ impl Workshop {
         wait_until(enough, || format!("the daemon does not look\n{}", self.log()));
     }
 
-    /// Waits until the daemon has looked at its folders as they are now and has nothing left to do: every file is read
-    /// as it lies there or cannot be read, and all conclusions are drawn. Whatever could come of the files has come.
+    /// Waits until the daemon has scanned the present state of its folders and has no work left: every file is read or
+    /// cannot be read, and all conclusions are made. No more results of the present files can appear.
     pub fn wait_until_idle(&self) {
         let called = Timestamp::now();
         let idle = |look: &(Timestamp, String)| look.1.ends_with("waiting=0 open=0 to_conclude=0");
@@ -196,12 +196,12 @@ impl Workshop {
         wait_until(is_idle, || format!("the daemon does not come to rest\n{}", self.log()));
     }
 
-    /// What daemons have written into `daemon.log`.
+    /// Content of `daemon.log`.
     pub fn log(&self) -> String {
         fs::read_to_string(self.path("daemon.log")).unwrap_or_default()
     }
 
-    /// Rows of a query on `armwatch.db`, each a line with cells separated by `|`.
+    /// Rows of a query on `armwatch.db`, one line each, with cells separated by `|`.
     pub fn query(&self, sql: &str) -> Vec<String> {
         query(&self.path("armwatch.db"), sql)
     }
@@ -210,28 +210,28 @@ impl Workshop {
         self.query(sql).first().and_then(|cell| cell.parse().ok()).unwrap_or(-1)
     }
 
-    /// Waits until a query gives the wanted number.
+    /// Waits until a query returns the wanted number.
     pub fn wait_for(&self, sql: &str, wanted: i64) {
         let found = || if self.path("armwatch.db").exists() { self.number(sql) } else { -1 };
         wait_until(|| found() == wanted, || format!("{sql} stays at {}, wanted {wanted}", found()));
     }
 
-    /// Waits until something holds.
+    /// Waits until a condition is true.
     pub fn wait_until(&self, mut holds: impl FnMut() -> bool) {
         wait_until(&mut holds, || format!("it does not come to hold; the log says\n{}", self.log()));
     }
 
-    /// Waits until what every robot's history says stands on all of its complete runs.
+    /// Waits until the conclusions of every robot include all of its complete runs.
     pub fn wait_for_conclusions(&self) {
         self.wait_for("SELECT COUNT(*) FROM robot WHERE history <> concluded", 0);
     }
 
-    /// As [`Workshop::dump`], comparable with that of a database that was filled in another order.
+    /// Like [`Workshop::dump`], comparable with that of a database that was filled in another order.
     pub fn canonical_dump(&self) -> String {
         canon::canonical_dump(&self.path("armwatch.db"))
     }
 
-    /// Every row of every public view, in a fixed order, once the conclusions are drawn.
+    /// Every row of every public view, in a fixed order, after the conclusions are made.
     pub fn dump(&self) -> String {
         self.wait_for_conclusions();
         canon::dump(&self.path("armwatch.db"))
@@ -253,7 +253,7 @@ impl Daemon {
         assert!(done.expect("kill runs").success());
     }
 
-    /// Whether the daemon is so far that it catches a signal, or has ended; earlier the signal kills it.
+    /// Returns true if the daemon already catches a signal, or has ended; before that the signal kills it.
     #[cfg(target_os = "linux")]
     fn catches(&self, signal: &str) -> bool {
         let Ok(status) = fs::read_to_string(format!("/proc/{}/status", self.child.id())) else { return true };
@@ -272,7 +272,7 @@ impl Daemon {
         end_of(&mut self.child, || "the daemon does not end".to_owned())
     }
 
-    /// Waits until the daemon has read a growing file to the end of what is written.
+    /// Waits until the daemon has read a growing file to its present end.
     #[cfg(target_os = "linux")]
     pub fn wait_until_read(&self, path: &Path) {
         let length = || fs::metadata(path).map_or(0, |metadata| metadata.len());
@@ -283,7 +283,7 @@ impl Daemon {
         );
     }
 
-    /// How far the daemon has read a file that it holds open.
+    /// Position of the daemon in a file that it reads.
     #[cfg(target_os = "linux")]
     fn position(&self, path: &Path) -> Option<u64> {
         let process = PathBuf::from(format!("/proc/{}", self.child.id()));
@@ -297,7 +297,7 @@ impl Daemon {
         of_path.filter_map(position).max()
     }
 
-    /// Elsewhere there is no telling: waits for longer than two looks at a growing file take.
+    /// On other systems the position is unknown: waits longer than two scans of a growing file take.
     #[cfg(not(target_os = "linux"))]
     pub fn wait_until_read(&self, _path: &Path) {
         pass(Duration::from_millis(500));
@@ -328,7 +328,7 @@ pub fn reference(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference").join(name)
 }
 
-/// Most memory that a process has had so far, kB; `None` of one that has ended.
+/// Peak memory of a process so far, kB; `None` if it has ended.
 pub fn peak_kb(process: u32) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -339,8 +339,8 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Rows of a statement, as text. None where there is no database yet, or one that is just being made. Beside a daemon
-/// that is killed a database cannot be opened for a moment.
+/// Rows of a statement, as text. None if there is no database yet, or if one is being created. After a daemon was
+/// killed, a database may briefly fail to open.
 pub fn query(database: &Path, sql: &str) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let mut answer = None;
@@ -353,7 +353,7 @@ pub fn query(database: &Path, sql: &str) -> Vec<String> {
             }
             match runtime.block_on(rows_of(database, sql)) {
                 Ok(rows) => answer = Some(rows),
-                // the daemon may be creating the schema just now
+                // the daemon may be creating the schema
                 Err(error) if error.to_string().contains("no such table") => answer = Some(Vec::new()),
                 Err(error) => *failure.borrow_mut() = error.to_string(),
             }
@@ -388,7 +388,8 @@ fn cells(row: &SqliteRow) -> String {
     shown.collect::<Vec<_>>().join("|")
 }
 
-/// Asserts that two dumps are alike; else shows the views with another number of rows, and the first rows that differ.
+/// Asserts that two dumps are equal; otherwise shows the views with another number of rows, and the first differing
+/// rows.
 pub fn assert_alike(found: &str, expected: &str, of: &str) {
     let differing: Vec<String> = found
         .lines()
@@ -428,7 +429,7 @@ pub fn example_questions() -> Vec<(String, String)> {
     questions.map(|(question, statement)| (question.to_owned(), statement.to_owned())).collect()
 }
 
-/// Words of a command line as a shell gives them; what stands between double quotes is one word.
+/// Words of a command line as in a shell; text between double quotes is one word.
 pub fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();
     for (place, part) in line.split('"').enumerate() {

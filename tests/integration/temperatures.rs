@@ -5,7 +5,7 @@ use std::fs;
 use crate::canon::canonical_dump;
 use crate::support::{Workshop, query};
 
-/// Rows of a view's columns that recordings with and without temperatures must share.
+/// Queries whose rows are the same for recordings with and without temperatures.
 const SHARED: [&str; 4] = [
     "SELECT run_id, cycle, joint, parameter, value, std_error FROM cycle_parameters ORDER BY 1, 2, 3, 4",
     "SELECT run_id, cycle, joint, stage, rmsd_nm, moving_rmsd_nm FROM cycle_rmsd ORDER BY 1, 2, 3, 4",
@@ -13,7 +13,7 @@ const SHARED: [&str; 4] = [
     "SELECT cycle, remarks FROM cycles ORDER BY run_id, cycle",
 ];
 
-/// Two runs of some cycles; a friction map takes six.
+/// Two runs of some cycles; a friction map needs six.
 fn simulated(folder: &str, cycles: &str, more: &[&str]) -> Workshop {
     let workshop = Workshop::new();
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
@@ -34,7 +34,7 @@ fn recorded_temperatures_reach_the_index_and_leave_all_else_alone() {
         assert_eq!(with.query(sql), without.query(sql), "{sql}");
     }
     assert_eq!(without.query("SELECT count(*) FROM temperatures"), ["0"]);
-    // six motors and the hall
+    // six motors and the ambient temperature
     let rows = with.query("SELECT run_id, sensor, count(*) FROM temperatures GROUP BY 1, 2 ORDER BY 1, 2");
     assert_eq!(rows, ["1|ambient|6", "1|motor|36", "2|ambient|6", "2|motor|36"]);
     let cold = "SELECT count(*) FROM temperatures WHERE NOT temperature_degc BETWEEN 15 AND 70";

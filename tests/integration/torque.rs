@@ -1,4 +1,4 @@
-//! `torque`, `rmsd` and `friction`: what was stored, looked at again, as figures and as pictures.
+//! `torque`, `rmsd` and `friction`: stored results as values and as pictures.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,10 +8,10 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
 use crate::support::{REFERENCE_NAME, Workshop, reference, text};
 
-/// The same rows by another road: sums of squares against norms of triangular factors.
+/// Tolerance between two methods for the same rows: sums of squares, and norms of triangular factors.
 const EQUAL: f64 = 1e-9;
 
-/// The reference export, ingested from a folder that nobody watches.
+/// The reference export, ingested from a folder that is not watched.
 fn archived() -> Workshop {
     let workshop = Workshop::new();
     std::fs::create_dir(workshop.path("exports")).expect("a folder");
@@ -20,7 +20,7 @@ fn archived() -> Workshop {
     workshop
 }
 
-/// A line of the CSV, as far as sums need it.
+/// The cells of a CSV line that the sums need.
 struct Row {
     time: f64,
     stage: String,
@@ -65,8 +65,8 @@ fn rmsd<'a>(rows: impl Iterator<Item = &'a Row>) -> (f64, f64, usize) {
     ((deviation / f64::from(count)).sqrt(), (deviation / measured).sqrt(), count as usize)
 }
 
-/// Holds the rows of a cycle against the view `cycle_rmsd`, each stage and joint, all and moving rows.
-/// Returns how many figures were compared.
+/// Compares the rows of a cycle with the view `cycle_rmsd`, each stage and joint, all and moving rows. Returns the
+/// number of compared values.
 fn assert_stored_rmsd(workshop: &Workshop, rows: &[Row], chosen: &str) -> usize {
     let sql = format!(
         "SELECT joint, stage, rmsd_nm, relative_rmsd, samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples \
@@ -202,12 +202,12 @@ fn an_export_is_found_again_or_asked_for_but_never_mistaken() {
     assert!(said.contains("--source FILE") && said.contains(REFERENCE_NAME), "{said}");
     assert_eq!(workshop.stdout(&[&asked[..], &["--source", "moved.csv.gz"]].concat(), 0), expected);
 
-    // the watched folder is looked into
+    // the watched folder is searched
     std::fs::copy(&moved, workshop.inbox(REFERENCE_NAME)).expect("a copy");
     assert_eq!(workshop.stdout(&asked, 0), expected);
     std::fs::remove_file(workshop.inbox(REFERENCE_NAME)).expect("removed");
 
-    // a changed file is not the run's, whatever its name, until its content is back
+    // a changed file is not the run's, whatever its name, until its content is restored
     let plain = crate::bad_input::decompressed();
     std::fs::write(&taken, plain.replacen("0.1", "0.2", 1)).expect("written");
     for more in [&[][..], &["--source", taken.to_str().expect("a path")]] {
@@ -248,7 +248,7 @@ fn what_there_is_nothing_of_is_said() {
     assert!(text(&output.stderr).contains("in a folder that is there"), "{}", text(&output.stderr));
     on_a_full_disk_the_remedy_is_room(&workshop);
 
-    // the export is not written to, by whatever name it is called
+    // the export is not overwritten, whatever name is used for it
     let export = format!("exports/../exports/{REFERENCE_NAME}");
     let before = std::fs::read(workshop.path(&export)).expect("the export");
     let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", &export]);
@@ -262,7 +262,7 @@ fn what_there_is_nothing_of_is_said() {
     assert!(text(&output.stderr).contains("there is no run 1"), "{}", text(&output.stderr));
 }
 
-/// `/dev/full` takes no byte, as a full disk does; it is no file, and so is not looked into.
+/// `/dev/full` accepts no byte, like a full disk; it is no file, and therefore is not checked.
 fn on_a_full_disk_the_remedy_is_room(workshop: &Workshop) {
     if !Path::new("/dev/full").exists() {
         println!("skipped: there is no /dev/full");
@@ -285,8 +285,8 @@ fn on_a_full_disk_the_remedy_is_room(workshop: &Workshop) {
     }
 }
 
-/// Results are written over results, and over nothing else: the database in use and what belongs to it, exports, and
-/// files of the configuration stay as they are.
+/// Results only replace results: the database in use with its other files, exports, and files of the configuration stay
+/// unchanged.
 #[test]
 fn results_are_written_over_earlier_results_only() {
     let workshop = archived();
@@ -346,7 +346,7 @@ fn delete_run(workshop: &Workshop, run_id: i64) {
 fn a_cycle_without_parameters_says_why_and_takes_others() {
     let workshop = Workshop::new();
     let plain = crate::bad_input::decompressed();
-    // cycle 2 is recorded as if between stages where it excites
+    // the excitation of cycle 2 is marked as between stages
     let lines = plain.lines().map(|line| {
         let mut cells: Vec<&str> = line.split(',').collect();
         if cells[20] == "2" && cells[19] == "1" {
@@ -367,7 +367,7 @@ fn a_cycle_without_parameters_says_why_and_takes_others() {
     assert!(out.contains("cycle 2 has no parameters: the cycle has no excitation stage"), "{out}");
 }
 
-/// Number of times each element stands in a picture.
+/// Number of occurrences of each element in a picture.
 fn elements(svg: &str) -> BTreeMap<String, usize> {
     let mut counts = BTreeMap::new();
     for tag in svg.split('<').skip(1).filter(|tag| !tag.starts_with('/')) {
@@ -437,7 +437,7 @@ fn rmsd_by_cycle_is_what_the_views_hold() {
         .query("SELECT rmsd_nm FROM cycle_rmsd WHERE cycle = 3 AND joint = 5 AND stage = 'all'")[0]
         .parse()
         .expect("a number");
-    // behind the six figures of moving rows
+    // after the six values of moving rows
     assert_eq!(cells[10], format!("{shown:.4}"));
     assert!(table.contains("deviation") && !table.contains("joint 4"), "{table}");
 }

@@ -5,16 +5,16 @@ use std::path::Path;
 
 use crate::support::{Workshop, query, text};
 
-/// Exports carry every digit; units, gears and their inverses round a few times, and the identification
-/// multiplies that by its condition number.
+/// Exports contain all digits. Units, gears and their inverses round a few times, and the identification multiplies
+/// that error by its condition number.
 const EQUAL: f64 = 1e-9;
 
 fn shipped(name: &str) -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(name)).expect("a file")
 }
 
-/// The ER3A with a motor of axis 6 that turns with axis 5, offsets, and gains; `scale` are the errors of
-/// the drive gains.
+/// The ER3A with a motor of axis 6 that turns with axis 5, offsets, and gains; `scale` are the errors of the drive
+/// gains.
 fn arm(scale: [f64; 6]) -> String {
     let mut joint = 0;
     let mut matrix = [[0.0; 6]; 6];
@@ -122,7 +122,7 @@ fn a_motor_side_column_holds_the_number_that_a_drive_would_show() {
         // joint 1: gear of 121, motor of 0.64 Nm
         close(motor[1], 121.0 * joint[1] / std::f64::consts::TAU);
         close(motor[13], 100.0 * joint[13] / 121.0 / 0.64);
-        // the motor of joint 6 alone makes that joint's torque and helps joint 5, by 0.4 of its gear
+        // the motor of joint 6 produces all torque of that joint and 0.4 of its gear for joint 5
         let (ratio_5, ratio_6) = (ratio(4), ratio(5));
         close(motor[6], ratio_6 * (joint[6] + 0.4 * joint[5]) / std::f64::consts::TAU);
         close(motor[18], 100.0 * joint[18] / ratio_6 / 0.159);
@@ -130,7 +130,7 @@ fn a_motor_side_column_holds_the_number_that_a_drive_would_show() {
     }
 }
 
-/// Gear ratio of a joint, from 0, as the shipped file has it.
+/// Gear ratio of a joint, counted from 0, in the shipped file.
 fn ratio(joint: usize) -> f64 {
     let file = shipped("robots/er3a.toml");
     let line = file.lines().filter_map(|line| line.strip_prefix("gear_ratio = ")).nth(joint);
@@ -172,7 +172,7 @@ fn wrong_gains_are_found_from_a_run_with_a_load() {
         };
         found += 1;
         let end = |k: usize| of_joint["correction_interval"][k].as_f64().expect("an end");
-        // twice the interval: one of six 95 % intervals may well miss
+        // twice the interval: one of six 95 % intervals may well miss the true value
         let error = (correction - 1.0 / SCALE[j]).abs();
         assert!(error <= end(1) - end(0), "{of_joint}, true correction {}", 1.0 / SCALE[j]);
         assert_eq!(of_joint["key"], "drive_gain_nm_a");
@@ -194,7 +194,7 @@ fn wrong_gains_are_found_from_a_run_with_a_load() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
     }
-    // another geometry would put the load elsewhere
+    // another geometry would give another position of the load
     let moved = fs::read_to_string(workshop.path("wrong_robot.toml"))
         .expect("it")
         .replace("d_m = 0.32", "d_m = 0.33");
@@ -224,7 +224,7 @@ fn a_payload_is_found_within_its_intervals_although_gains_are_wrong() {
         workshop.run(&["payload", "--config", "wrong.toml", "--empty", empty, "--loaded", loaded, "--json"])
     };
 
-    // a run is known by its number and by its export
+    // a run can be named by its number and by its export
     let by_number = text(&ask(&empty, &loaded).stdout);
     assert_eq!(by_number, text(&ask(&names[1], &names[2]).stdout));
     let found: serde_json::Value = serde_json::from_str(&by_number).expect("JSON");
@@ -232,7 +232,7 @@ fn a_payload_is_found_within_its_intervals_although_gains_are_wrong() {
         let of = &found["quantities"][place];
         let end = |key: &str| of[key].as_f64().expect("shown");
         assert!((end("interval_low")..=end("interval_high")).contains(&truth), "{of}, not {truth}");
-        // no interval so wide that it says nothing
+        // no interval is too wide to be useful
         let (low, high) = (end("interval_low"), end("interval_high"));
         assert!(high - low < if place == 0 { 1.0 } else { 0.1 }, "{of}");
     }

@@ -1,4 +1,4 @@
-//! `armwatch trajectory`: the tutorial `docs/first-arm.md`, from a description to parameters, and broken limits.
+//! `armwatch trajectory`: the tutorial `docs/first-arm.md`, from a description to parameters, and violated limits.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ fn the_tutorial_leads_from_a_description_to_true_parameters() {
     }
     assert!(fs::read_to_string(workshop.path("mine.svg")).expect("a picture").contains("</svg>"));
 
-    // what ingest identified holds the description's base parameters
+    // the parameters from ingest contain the description's base parameters
     let robot = read_robot(&workshop.path("mine.toml")).expect("the description");
     let base = base_parameters(&robot).expect("base parameters");
     let identified = crate::support::query(
@@ -59,7 +59,7 @@ fn the_tutorial_leads_from_a_description_to_true_parameters() {
     }
     assert_eq!(off.len(), 8 * base.kept.len());
     off.sort_by(f64::total_cmp);
-    // half of all errors are within 0.67 standard errors; one of 112 that is beyond five is no chance
+    // half of all errors are within 0.67 standard errors; one of 112 beyond five is not chance
     assert!(off[off.len() / 2] < 1.2 && off[off.len() - 1] < 5.0, "{off:?}\n{identified:?}");
 
     the_least_addition_is_shorter_than_a_motion_of_its_own(&workshop);
@@ -70,7 +70,7 @@ fn the_tutorial_leads_from_a_description_to_true_parameters() {
     broken_limits_are_named_and_not_written(&workshop);
 }
 
-/// What a recording shows already needs no motion, and with more of it known the motion is no longer.
+/// Checks that parameters shown by a recording need no motion, and that more known ones never make the motion longer.
 fn the_least_addition_is_shorter_than_a_motion_of_its_own(workshop: &Workshop) {
     let shape = [
         "trajectory",
@@ -99,7 +99,7 @@ fn the_least_addition_is_shorter_than_a_motion_of_its_own(workshop: &Workshop) {
             (of(value, "standard_deviation_alone"), of(value, "standard_deviation_together"));
         assert!(alone.len() > 8 && alone.iter().zip(&together).all(|(alone, with)| with < alone), "{value}");
     }
-    // less of the recording counts, by the root of sixty
+    // the recording has less weight, by the root of sixty
     let (known, less) = (of(&rough, "standard_deviation_alone"), of(&fine, "standard_deviation_alone"));
     assert!(known.iter().zip(&less).all(|(of60, of1)| (of1 / of60 / 60.0_f64.sqrt() - 1.0).abs() < 1e-6));
     let programme = json(&fs::read_to_string(workshop.path("addition.json")).expect("a programme"));
@@ -139,7 +139,7 @@ fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
     for joint in found["torques"].as_array().expect("torques") {
         assert!(joint["torque_peak_nm"].as_f64() <= Some(60.0), "{joint}");
     }
-    // without the cell and that distance the best motion is another, and it comes nearer
+    // without the cell and that distance the best motion is another, and is closer to the obstacles
     let free = ["--robot", "mine.toml", "-o", "free.json"];
     workshop.stdout(&[&design[..], &free].concat(), 0);
     let said = workshop.run(&[&["trajectory", "check", "free.json"], &in_cell[..]].concat());
@@ -157,7 +157,7 @@ fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
     assert_eq!(refused.status.code(), Some(1));
     assert!(!workshop.path("free.csv").exists());
 
-    // the whole test turns each joint over its range: it meets the post, and is not written
+    // the whole test turns each joint over its range: it hits the post, and is not written
     let test = ["trajectory", "test", "--warming-s", "0", "--trajectory", "mine.json", "-o", "test.csv"];
     let refused = workshop.run(&[&test[..], &in_cell].concat());
     assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stdout));
@@ -171,7 +171,7 @@ fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
         assert!(joint["jerk_share"].as_f64().is_some_and(|share| share > 0.5 && share <= 1.0), "{joint}");
     }
 
-    // an arm that stands in a wall
+    // an arm inside a wall
     fs::write(
         workshop.path("above.toml"),
         "[[plane]]\nname = \"wall\"\npoint_m = [0, 0, 0.4]\nnormal = [0, 0, 1]\n",
@@ -237,7 +237,7 @@ fn states(programme: &serde_json::Value) -> Vec<[Vec<f64>; 3]> {
 }
 
 /// Condition number and rank by singular values of a matrix whose columns are torques of the recursive Newton-Euler
-/// equations, one parameter 1 and all others 0: nothing of the regressor or the search is in it.
+/// equations, one parameter 1 and all others 0. It is independent of the regressor and the search.
 fn by_singular_values(robot: &Robot, states: &[[Vec<f64>; 3]]) -> (f64, usize) {
     let base = base_parameters(robot).expect("base parameters");
     let n = robot.joint_count();
@@ -271,9 +271,9 @@ fn by_singular_values(robot: &Robot, states: &[[Vec<f64>; 3]]) -> (f64, usize) {
     (largest / smallest, values.iter().filter(|value| **value > 1e-9 * largest).count())
 }
 
-/// Designs for five arms keep their limits at every millisecond, and have the condition number that they say, at full
-/// rank. `cargo test --test integration -- --ignored designs_for_five_arms`; programmes of longer searches are taken
-/// from the folder `ARMWATCH_PROGRAMMES`, as `er3a.json`, `tx40.json`, `ur10e.json`, `scara.json`, `seven_joints.json`.
+/// Designs for five arms keep their limits at every millisecond, and have the printed condition number, at full rank.
+/// `cargo test --test integration -- --ignored designs_for_five_arms`; programmes of longer searches are read from the
+/// folder `ARMWATCH_PROGRAMMES`, as `er3a.json`, `tx40.json`, `ur10e.json`, `scara.json`, `seven_joints.json`.
 #[test]
 #[ignore = "needs programmes of five arms, which take minutes to search: ARMWATCH_PROGRAMMES"]
 fn designs_for_five_arms_hold_by_a_second_road() {
@@ -299,7 +299,8 @@ fn designs_for_five_arms_hold_by_a_second_road() {
         let programme = json(&fs::read_to_string(&file).expect("a programme"));
         let robot = read_robot(&description).expect("a description");
         let states = states(&programme);
-        // between samples a sum of N waves exceeds its largest one by 1 / cos(pi N / M) at most (Ehlich & Zeller 1964)
+        // between samples a sum of N waves exceeds its largest sample by at most the factor 1 / cos(pi N / M) (Ehlich &
+        // Zeller 1964)
         let waves =
             programme["joints"][0]["a_rad_s"].as_array().or(programme["joints"][0]["a_m_s"].as_array());
         let waves = waves.expect("amplitudes").len() as f64;
@@ -327,7 +328,7 @@ fn lines(block: &str) -> Vec<String> {
     block.lines().filter(|line| line.starts_with("$ armwatch ")).map(str::to_owned).collect()
 }
 
-/// The file of a test shows every stage for as long as is said, every level of every joint, and no jump.
+/// Checks that the file of a test has every stage with the stated length, every level of every joint, and no jump.
 fn the_test_has_its_stages(workshop: &Workshop) {
     let shape =
         ["trajectory", "test", "--robot", "mine.toml", "--trajectory", "mine.json", "--levels", "2,3"];
@@ -363,7 +364,7 @@ fn the_test_has_its_stages(workshop: &Workshop) {
     signals.dedup();
     assert_eq!(signals.len(), 8, "{signals:?}");
     assert_eq!((signals[0], signals[7]), ([1, 1, 2], [2, 2, 3]));
-    // velocities and accelerations are those of the positions: central differences over 2 ms
+    // velocities and accelerations match the positions: central differences over 2 ms
     for (q, qd) in [("pos_1_rad", "vel_1_rad_s"), ("vel_2_rad_s", "acc_2_rad_s2")] {
         let (q, qd): (Vec<f64>, Vec<f64>) = (of(q).collect(), of(qd).collect());
         let largest = qd.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
@@ -375,7 +376,7 @@ fn the_test_has_its_stages(workshop: &Workshop) {
     assert!(text(&refused.stderr).contains("no speed level 9"), "{}", text(&refused.stderr));
 }
 
-/// Each part of the test on its own, and what cannot be.
+/// Checks each part of the test alone, and refused combinations.
 fn parts_of_a_test_stand_alone(workshop: &Workshop) {
     let of = |more: &[&str]| {
         let shape = ["trajectory", "test", "--robot", "mine.toml", "--json", "--parts"];
@@ -388,14 +389,14 @@ fn parts_of_a_test_stand_alone(workshop: &Workshop) {
     let additional = of(&["additional", "-o", "additional.csv"]);
     assert!(lasts(&additional, "excitation").is_some_and(|s| s > 1.0), "{additional}");
     assert!(lasts(&additional, "friction").is_none() && lasts(&additional, "warming").is_none());
-    // the motion near full speed comes near it
+    // the motion near full speed reaches nearly that speed
     let joints = additional["joints"].as_array().expect("joints");
     assert!(joints.iter().all(|of| of["speed_share"].as_f64() > Some(0.9)), "{additional}");
     workshop.stdout(&["trajectory", "check", "additional.csv", "--robot", "mine.toml"], 0);
 
     fs::write(workshop.path("points.csv"), "pos_1_deg,pos_2\n-100,0.5\n90,-1\n0,1.2\n").expect("written");
     let points = of(&["points", "--points", "points.csv", "--dead-s", "1.5"]);
-    // three rests and two ways of a second or so each
+    // three rests and two moves of about a second each
     assert!(lasts(&points, "excitation").is_some_and(|s| s > 5.5 && s < 9.0), "{points}");
 
     let friction = of(&["friction", "--friction-posture", "still"]);
@@ -427,7 +428,7 @@ fn sines_alone_make_a_motion_too(workshop: &Workshop) {
     assert!(said["condition_number"].as_f64().is_some_and(|of| of < 100.0), "{said}");
     let changes = &said["smallest_changes"];
     assert_eq!((&changes["wear"]["size"], &changes["load"]["size_kg"]), (&0.04.into(), &0.5.into()));
-    // one false alarm a year in daily tests of two joints: 17 channels
+    // one false alarm per year in daily tests of two joints: 17 channels
     let alpha = changes["false_alarm_probability"].as_f64().expect("a probability");
     assert!((alpha * 365.25 * 17.0 - 1.0).abs() < 1e-9, "{alpha}");
     for seen in changes["wear"]["seen_in_one_test"].as_array().expect("joints") {
@@ -452,7 +453,7 @@ fn the_same_seed_gives_the_same_file(workshop: &Workshop) {
     assert_eq!(one["search"]["starts"], 2);
     assert!(one["parameters"].as_array().is_some_and(|of| of.len() > 8), "{one}");
     assert!(one["smallest_changes"]["load_kg"].as_f64().is_some_and(|load| load > 0.0), "{one}");
-    // by time: at least one start, and the file says how many
+    // by time: at least one start, and the file has their number
     let timed = run(&["--budget-s", "0", "-o", "timed.json"]);
     assert_eq!(timed["search"]["starts"], 1);
     run(&["--starts", "1", "-o", "again.json"]);
@@ -484,7 +485,7 @@ fn broken_limits_are_named_and_not_written(workshop: &Workshop) {
     workshop.stdout(&[&export[..], &["--despite-broken-limits", "--waypoints"]].concat(), 0);
     let written = fs::read_to_string(workshop.path("slow.csv")).expect("a file");
     assert!(written.starts_with("time_s,pos_1_rad,vel_1_rad_s,pos_2_rad,vel_2_rad_s\n"), "{written}");
-    // another arm, and a name that only the pattern of every robot fits
+    // another arm, and a name that matches only the pattern of every robot
     for (arguments, said) in [
         (["trajectory", "check", "mine.json", "--robot", "er3a"], "has 6 joints"),
         (["trajectory", "check", "mine.json", "--robot", "er3b"], "neither a robot nor a model"),

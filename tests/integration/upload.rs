@@ -1,4 +1,4 @@
-//! Exports over HTTP: sent to the real daemon over real connections, cut, repeated, refused.
+//! Exports over HTTP: sent to the real daemon over real connections, interrupted, repeated, refused.
 
 use std::fs;
 use std::io::Write;
@@ -12,7 +12,7 @@ const TOKEN: &str = "a-token-of-this-test-0123456789";
 const GREEDY: &str = "a-token-of-a-greedy-client-0123";
 const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
 
-/// A daemon that takes uploads, and where it listens.
+/// A daemon that accepts uploads, and its port.
 struct Receiver {
     workshop: Workshop,
     daemon: Option<Daemon>,
@@ -24,14 +24,14 @@ impl Receiver {
         Self::with("", upload)
     }
 
-    /// With more in `[serve]` and `[serve.upload]`.
+    /// With additional settings in `[serve]` and `[serve.upload]`.
     fn with(serve: &str, upload: &str) -> Self {
         let mut receiver = Self::prepared(serve, upload);
         receiver.start();
         receiver
     }
 
-    /// Without a daemon.
+    /// A receiver without a running daemon.
     fn prepared(serve: &str, upload: &str) -> Self {
         let workshop = Workshop::new();
         let port = http::free_port();
@@ -52,7 +52,7 @@ impl Receiver {
         self.wait_until_ready();
     }
 
-    /// Starts a daemon that can make no file larger than about `kb` kB, as on a disk that is full.
+    /// Starts a daemon that cannot create files larger than about `kb` kB, like on a full disk.
     fn start_confined(&mut self, kb: u32) {
         let limit = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" run", 2 * kb);
         let child = std::process::Command::new("sh")
@@ -96,7 +96,7 @@ impl Receiver {
         self.send(&format!("PUT /v1/exports/{name}"), headers, body)
     }
 
-    /// Waits until an upload of this name has so many bytes.
+    /// Waits until an upload of this name has this number of bytes.
     fn wait_for_offset(&self, name: &str, wanted: u64) {
         let answer = || self.send(&format!("HEAD /v1/exports/{name}"), "", b"");
         let has_come = || answer().header("upload-offset") == Some(&wanted.to_string());
@@ -141,13 +141,13 @@ fn an_upload_becomes_a_run_and_the_same_again_does_nothing() {
     assert_eq!(renamed.status, 200, "{}", renamed.body);
     let known = by_name("R09_20260105_0847.csv.gz");
     assert_eq!((known.status, known.json()["run_id"].as_i64()), (200, Some(1)), "{}", known.body);
-    // a copy on disk, which the ledger knows by a path alone
+    // a copy on disk, which the ledger knows only by its path
     let copy = "R08_20260105_0847.csv.gz";
     fs::write(receiver.workshop.inbox(copy), &bytes).expect("a copy");
     wait_until(|| by_name(copy).json()["run_id"].as_i64() == Some(1), || by_name(copy).body);
     assert_eq!(by_name("8_20260105_0847.csv.gz").status, 404, "the end of a name is another name");
     assert_eq!(by_name("..%2Farmwatch.toml").status, 404);
-    // without a byte of the body, where the client says the content first
+    // without any byte of the body, if the client sends the hash of the content first
     let said =
         format!("X-Content-BLAKE3: {}\r\nTransfer-Encoding: chunked\r\n", told["hash"].as_str().expect("it"));
     assert_eq!(receiver.put(REFERENCE_NAME, &said, b"").status, 200);
@@ -174,11 +174,11 @@ fn an_upload_that_was_cut_goes_on_after_a_kill_and_a_restart() {
     let under_way = receiver.put(REFERENCE_NAME, "", &bytes);
     assert_eq!(under_way.status, 409, "{}", under_way.body);
     drop(cut);
-    // the next part is cut by a kill
+    // the next part is interrupted by a kill
     let (second, last) = rest.split_at(50_000);
     let total = bytes.len();
     let range = |from: usize, to: usize| format!("Content-Range: bytes {from}-{}/{total}\r\n", to - 1);
-    // until the receiver has noticed that the first connection is gone, it refuses another one
+    // until the receiver has noticed the end of the first connection, it refuses another one
     let mut killed = None;
     let is_taken = || {
         let stream = killed.insert(receiver.connect());
@@ -216,13 +216,13 @@ fn ready_says_what_is_missing_and_that_it_is_back() {
     };
     let (status, told) = ask();
     assert_eq!((status, &told["ready"], &told["spool"]), (200, &true.into(), &true.into()), "{told}");
-    // without a token that may read, folders are counted and not named
+    // without a token that may read, the answer has the number of folders but not their names
     wait_until(|| ask().1["folders_watched"] == 2, || format!("{}", ask().1));
     let (_, told) = ask();
     assert_eq!((&told["folders_silent"], told.to_string().contains('/')), (&0.into(), false), "{told}");
     let named = receiver.send("GET /ready", "", b"").json();
     assert!(named["folders"][0]["folder"].as_str().is_some_and(|folder| folder.starts_with('/')), "{named}");
-    // a file where the folder of uploads was: nothing can be written there
+    // a file in place of the folder of uploads: writing fails
     let (spool, aside) = (receiver.workshop.path("spool"), receiver.workshop.path("aside"));
     fs::rename(&spool, &aside).expect("moved");
     fs::write(&spool, b"").expect("written");
@@ -279,7 +279,7 @@ fn what_is_not_an_upload_is_refused_with_a_sentence() {
     refused(receiver.send(&format!("GET /v1/exports/{}", "0".repeat(64)), "", b""), 404, "known");
     refused(receiver.send("GET /exports", "", b""), 404, "/v1/");
 
-    // next to nothing, for longer than allowed
+    // almost no data, for longer than permitted
     let mut slow = receiver.connect();
     let head = format!(
         "{line} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\nContent-Length: 900\r\n\r\nt"
@@ -301,7 +301,7 @@ fn a_name_holds_one_content_unless_the_sender_wants_it_otherwise() {
     );
     let second = second.expect("an export");
     let name = "R00_20260105_0847.csv";
-    // two at once: one is taken, the other told of it
+    // two at once: one is accepted, the other one refused or told that the export is known
     let answers: Vec<u16> = std::thread::scope(|scope| {
         let sending: Vec<_> = (0..2).map(|_| scope.spawn(|| receiver.put(name, "", &first).status)).collect();
         sending.into_iter().map(|thread| thread.join().expect("an answer")).collect()
@@ -360,7 +360,7 @@ fn a_part_of_another_total_is_refused_and_makes_no_cut_export() {
         );
         assert!(refused.body.contains(&format!("one of {total} bytes")), "{}", refused.body);
     }
-    // a whole export that was cut says its length too
+    // the request of an interrupted export also has its length
     let mut cut = receiver.connect();
     let head = format!(
         "PUT /v1/exports/{REFERENCE_NAME} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\
@@ -402,8 +402,8 @@ fn a_client_that_begins_uploads_and_ends_none_leaves_room_for_others() {
     assert_eq!(receiver.stop("TERM"), Some(0));
 }
 
-/// The daemon with a spool on a disk of its own that is full until the file `free` is there; it ends with 99 where the
-/// machine gives none.
+/// The daemon with a spool on a separate disk that is full until the file `free` exists; it ends with 99 if the machine
+/// has no such disk.
 const FULL_SPOOL: &str = r#"
 mkdir spool
 mount -t tmpfs -o size=8m tmpfs spool || exit 99
@@ -461,13 +461,13 @@ fn a_full_spool_stops_uploads_and_nothing_else() {
     let figures = || receiver.send("GET /metrics", "", b"").body;
     assert!(figures().contains("armwatch_uploads_up 0"), "{}", figures());
     assert_eq!(receiver.send("GET /", "", b"").status, 200, "the dashboard");
-    // watched folders are read
+    // watched folders are still read
     receiver.workshop.add_reference("inbox");
     receiver.workshop.wait_for(COMPLETE_RUNS, 1);
 
     fs::write(receiver.workshop.path("free"), b"").expect("written");
     wait_until(|| ready().status == 200, || format!("{}", ready().json()));
-    // 8.4 MB, of which 5 % stay free
+    // 8.4 MB, and 5 % must stay free
     let mut large = receiver.connect();
     let head = format!(
         "PUT /v1/exports/R01_20260106_0847.csv HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\
@@ -487,7 +487,7 @@ fn a_full_disk_is_told_and_leaves_nothing_behind() {
     let mut receiver = Receiver::new("");
     assert_eq!(receiver.stop("TERM"), Some(0));
     receiver.start_confined(4000);
-    // with shells that count 1024 bytes a block, twice as many
+    // for shells with blocks of 1024 bytes, twice as many
     let full = receiver.put("R00_20260105_0847.csv", "", &vec![b'1'; 9_000_000]);
     assert_eq!(full.status, 507, "{}{}", full.head, full.body);
     assert!(

@@ -1,5 +1,5 @@
-//! What writers do to files, one row each, before one real daemon that sees them all at once: which runs there
-//! must be afterwards, and still after a restart.
+//! Actions of writers on files, one row each, with one real daemon that sees them all at once: the expected runs
+//! afterwards, and after a restart.
 
 mod rows;
 mod stage;
@@ -15,7 +15,7 @@ use crate::support::{Daemon, LOG_LEVELS, Workshop};
 use rows::{ROWS, Row};
 use stage::{SETTLE, Stage, Watched};
 
-/// Rows that act at once; each waits most of its time.
+/// Number of rows that act at once; each waits most of its time.
 const ACTING: usize = 12;
 
 #[test]
@@ -37,7 +37,7 @@ fn whatever_the_writer_does_the_runs_are_those_of_its_recordings() {
     println!("{} rows", ROWS.len());
 }
 
-/// Plays all rows, some at once, and says which did not become what they must.
+/// Runs all rows, some at once, and returns the failed ones.
 fn play(workshop: &Workshop, watched: &Watched) -> Vec<String> {
     let (finished, next) = (AtomicBool::new(false), AtomicUsize::new(0));
     std::thread::scope(|scope| {
@@ -66,7 +66,7 @@ fn failure(row: &Row, stage: &Stage) -> String {
     format!("{}: wanted {:?}, found {:#?}", row.name, row.runs, stage.runs())
 }
 
-/// Asserts that every row is as it must be once the daemon has nothing left to do.
+/// Asserts that every row has the expected runs after the daemon has no work left.
 fn assert_calm(workshop: &Workshop, watched: &Watched, when: &str) {
     workshop.wait_until_idle();
     watched.look();
@@ -76,7 +76,7 @@ fn assert_calm(workshop: &Workshop, watched: &Watched, when: &str) {
     }
 }
 
-/// The daemon, to which permissions apply also where the tests run as root.
+/// Starts the daemon without the capabilities that override permissions, if the tests run as root.
 fn start(workshop: &Workshop) -> Daemon {
     let without =
         ["--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-dac_override,-dac_read_search"];
@@ -110,7 +110,7 @@ fn two_thousand_files_at_once_are_found_although_their_events_are_lost() {
     let workshop = small::workshop();
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
-    // asleep, it takes no events: more come than the system keeps for it
+    // it reads no events while it is stopped: more are created than the system queues for it
     daemon.signal("STOP");
     for round in 0..4 {
         for number in 0..2000 {

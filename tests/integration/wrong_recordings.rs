@@ -1,5 +1,5 @@
-//! Recordings and descriptions that are wrong in one way each, through the whole analysis: none may
-//! give numbers that pass as good.
+//! Recordings and descriptions that are wrong in one way each, through the whole analysis: none may give results that
+//! pass as good.
 
 pub mod arms;
 mod faults;
@@ -20,7 +20,7 @@ fn analysed(described: &Robot, samples: &Samples) -> CycleAnalysis {
     analyse_cycle(&method, &Cycle { number: 1, samples: samples.clone() })
 }
 
-/// What became of a recording, for the matrix that a person reads.
+/// Result of a recording, for the printed matrix.
 fn verdict(analysis: &CycleAnalysis) -> String {
     let rmsd = || {
         let of = |v: &TorqueRmsd| v.moving_rows.relative;
@@ -40,21 +40,21 @@ fn verdict(analysis: &CycleAnalysis) -> String {
     }
 }
 
-/// Names of wrong descriptions that pass without a word.
+/// Names of wrong descriptions that pass without a remark.
 fn passing_descriptions(arm: &Arm, samples: &Samples) -> Vec<&'static str> {
     let passes = |described: Robot| verdict(&analysed(&described, samples)).starts_with("PASSES");
     let wrong = WRONG_DESCRIPTIONS.iter().filter(|wrong| (wrong.spoil)(&arm.robot).is_some_and(passes));
     wrong.map(|wrong| wrong.name).collect()
 }
 
-/// Names of wrong recordings that pass without a word.
+/// Names of wrong recordings that pass without a remark.
 fn passing_recordings(arm: &Arm, samples: &Samples) -> Vec<&'static str> {
     let passes = |wrong: &&Wrong| {
         let mut spoilt = samples.clone();
         (wrong.spoil)(&mut spoilt, arm.robot.joint_count());
         verdict(&analysed(&arm.robot, &spoilt)).starts_with("PASSES")
     };
-    // without the column there is nothing to spoil
+    // without the column there is nothing to change
     let applies = |wrong: &&Wrong| samples.velocity.is_some() || !wrong.name.contains("velocit");
     WRONG_RECORDINGS.iter().filter(applies).filter(passes).map(|wrong| wrong.name).collect()
 }
@@ -66,7 +66,7 @@ fn recorded(name: &str) -> (Arm, Samples) {
     (arm, samples)
 }
 
-/// Wrong recordings that pass are exactly these, with velocities and without.
+/// Asserts which wrong recordings pass, with velocities and without.
 #[track_caller]
 fn assert_recordings(name: &str, with_velocity: &[&str], without: &[&str]) {
     let (arm, mut samples) = recorded(name);
@@ -81,7 +81,7 @@ fn wrong_recordings_of_an_er3a_do_not_pass() {
     assert_recordings("er3a", &[], &[]);
 }
 
-/// Vertical axes: gravity, which would give a clock away, acts on no joint that turns.
+/// Vertical axes: gravity, which would reveal a wrong clock, acts on no rotating joint.
 #[test]
 fn wrong_recordings_of_a_scara_do_not_pass() {
     assert_recordings("scara", &[], &["clock 10 % fast"]);
@@ -93,14 +93,14 @@ fn wrong_recordings_of_a_ur10e_do_not_pass() {
     assert_recordings("ur10e, standard DH", &[], &[]);
 }
 
-/// Wrong descriptions that pass are exactly these, as the method says of itself.
+/// Asserts which wrong descriptions pass; the documentation of the method lists them.
 #[track_caller]
 fn assert_descriptions(name: &str, passing: &[&str]) {
     let (arm, samples) = recorded(name);
     assert_eq!(passing_descriptions(&arm, &samples), passing, "{name}");
 }
 
-/// A centimetre of the shoulder, and lengths of the wrist, go into the base parameters or the noise.
+/// One centimetre of the shoulder, and lengths of the wrist, are absorbed by the base parameters or the noise.
 #[test]
 #[ignore = "some twenty seconds; the other arms' are quick"]
 fn wrong_descriptions_of_an_er3a_do_not_pass() {
@@ -109,7 +109,7 @@ fn wrong_descriptions_of_an_er3a_do_not_pass() {
     assert_descriptions("er3a, URDF", &["90 deg at joint 5 missing"]);
 }
 
-/// All axes are parallel: lengths go into first moments and inertias, gravity into the carried mass.
+/// All axes are parallel: lengths are absorbed by first moments and inertias, gravity by the carried mass.
 #[test]
 fn wrong_descriptions_of_a_scara_do_not_pass() {
     let lengths =
@@ -118,7 +118,7 @@ fn wrong_descriptions_of_a_scara_do_not_pass() {
     assert_descriptions("scara", &[&lengths[..], &rest[..]].concat());
 }
 
-/// The two lengths differ by 4 cm, which this motion does not tell from noise.
+/// The two lengths differ by 4 cm, which this motion does not distinguish from noise.
 #[test]
 #[ignore = "some twenty seconds; the other arms' are quick"]
 fn wrong_descriptions_of_a_ur10e_do_not_pass() {
@@ -155,7 +155,7 @@ fn assert_healthy(arm: &Arm, seed: u64, rate: f64) {
     assert!(verdict.starts_with("PASSES"), "{} at {rate} Hz, seed {seed}: {verdict}", arm.name);
 }
 
-/// Writes a recording of a six-joint arm as a controller exports it.
+/// Writes a recording of a six-joint arm in the form of a controller's export.
 fn export(path: &std::path::Path, samples: &Samples) {
     let mut writer = ExportWriter::create(path, samples.joint_count()).expect("an export");
     for row in 0..samples.rows() {
@@ -180,7 +180,7 @@ fn export(path: &std::path::Path, samples: &Samples) {
     writer.finish().expect("an export");
 }
 
-/// A name, what is done to a good recording, and what the cycle must say of it.
+/// A name, a change of a good recording, and the expected words of the cycle.
 type Told = (&'static str, fn(&mut Samples), &'static [&'static str]);
 
 const REFUSED: &[Told] = &[
@@ -197,12 +197,12 @@ fn percent(samples: &mut Samples) {
     samples.torque.iter_mut().zip(RATED).for_each(|(t, rated)| scale(t, 100.0 / rated));
 }
 
-/// Without its last row: one content is one run, and the sound recording is another.
+/// Removes the last row: one content is one run, and the sound recording is another.
 fn shortened(samples: &mut Samples) {
     *samples = samples.take_front(samples.rows() - 1);
 }
 
-/// Every row twice, as a logger does that is faster than the controller.
+/// Every row twice, as from a logger that is faster than the controller.
 fn doubled(samples: &mut Samples) {
     let twice = |channels: &mut Vec<Vec<f64>>| {
         channels.iter_mut().for_each(|channel| {
@@ -293,7 +293,7 @@ fn accepted_cycles_count_and_are_marked() {
     assert_taken(&workshop, &run, "accepted: the torques come 40 ms");
 }
 
-/// Every command that takes a run takes this one, and says why that is odd.
+/// Asserts that every command with a run accepts this one and prints the reason for the doubt.
 fn assert_taken(workshop: &Workshop, run: &str, why: &str) {
     let commands: [&[&str]; 5] = [
         &["identify", "--run", run],
@@ -338,11 +338,11 @@ fn real_recordings_raise_no_doubt() {
     assert_eq!(workshop.number("SELECT COUNT(*) FROM cycles WHERE reason IS NULL OR reason = ''"), 6);
 }
 
-/// Wrong recordings and descriptions of all arms and rates that pass without a word, at most: those of
+/// Most wrong recordings and descriptions of all arms and rates that pass without a remark: those of
 /// docs/estimators.md. Recordings without velocity columns cannot have wrong ones and do not count.
 const MOST_UNNOTICED: usize = 53;
 
-/// Prints what is said of each wrong recording and description, and holds their number:
+/// Prints the result of each wrong recording and description, and checks the number of those that pass:
 /// `cargo test --test integration -- --ignored --nocapture wrong_recordings::matrix`.
 #[test]
 #[ignore = "a minute: 780 analyses of all arms and rates"]

@@ -11,7 +11,7 @@ use armwatch_model::robot::{
     UrdfOrigin,
 };
 
-/// A joint without parameters; lengths in m, angles in rad, ordinary limits.
+/// A joint without parameters; lengths in m, angles in rad, usual limits.
 pub fn joint(kind: JointKind, a: f64, alpha: f64, d: f64, theta_offset: f64) -> Joint {
     let limits = match kind {
         JointKind::Revolute => JointLimits {
@@ -68,10 +68,9 @@ pub fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
     }
 }
 
-/// Arms of 1 to 9 joints, turning and sliding mixed, in the three conventions, with any friction
-/// model and now and then a coupled motor, springs and parallelograms. Lengths and twists come from a grid with zeros and right
-/// angles, and gravity is absent along an axis or clearly there: degenerate arms occur often,
-/// almost degenerate ones do not.
+/// Arms of 1 to 9 joints, turning and sliding mixed, in the three conventions, with any friction model and sometimes a
+/// coupled motor, springs and parallelograms. Lengths and twists are from a grid with zeros and right angles, and
+/// gravity along an axis is zero or clearly not: degenerate arms occur often, almost degenerate ones do not.
 pub fn any_arm() -> impl Strategy<Value = Robot> {
     let kind = prop_oneof![3 => Just(JointKind::Revolute), 1 => Just(JointKind::Prismatic)];
     let length = || prop_oneof![Just(0.0), Just(0.07), Just(0.3), Just(-0.25)];
@@ -113,7 +112,7 @@ pub fn any_arm() -> impl Strategy<Value = Robot> {
     )
 }
 
-/// Takes the rows of an arm for those of a standard DH table.
+/// Uses the rows of an arm as those of a standard DH table.
 fn read_as_standard_dh(robot: &mut Robot) {
     let rows: Vec<DhParameters> = robot.joints.iter().filter_map(|j| j.geometry.dh_row()).collect();
     let (geometry, end) = JointGeometry::standard_dh(&rows);
@@ -121,7 +120,7 @@ fn read_as_standard_dh(robot: &mut Robot) {
     robot.tool = end;
 }
 
-/// Turns each axis away from z as URDF files do.
+/// Turns each axis away from z like in URDF files.
 fn turn_axes(robot: &mut Robot) {
     const AXES: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]];
     let mut back = Transform::IDENTITY;
@@ -143,7 +142,7 @@ fn couple_last_joints(robot: &mut Robot) {
     }
 }
 
-/// A spring at the first joint, a counterbalance at each third one that turns, and all parallelograms that there can be.
+/// Adds a spring at the first joint, a counterbalance at each third joint if it turns, and all possible parallelograms.
 fn balance(robot: &mut Robot) {
     robot.springs = vec![Spring { joint: JointIndex::new(0), form: SpringForm::Direct, nominal: None }];
     for joint in robot.joint_indices().filter(|joint| joint.index() % 3 == 1).collect::<Vec<_>>() {

@@ -4,7 +4,7 @@ use armwatch_model::run::{Cycle, Samples, Stage};
 
 const RATE: f64 = 60.0;
 
-/// All joints swing, in the friction stage one after the other; torque that no model explains.
+/// All joints swing, in the friction stage one after the other; the torque is not explained by any model.
 pub fn cycle(number: u32, rows: usize) -> Cycle {
     let channel = || vec![Vec::new(); 6];
     let (mut position, mut torque) = (channel(), channel());
@@ -23,7 +23,7 @@ pub fn cycle(number: u32, rows: usize) -> Cycle {
             let w = 1.3 + 0.41 * j as f64 + 0.1 * f64::from(number);
             let moves = stage != Stage::Friction || i / 40 % 6 == j;
             let (sine, cosine) = ((w * t).sin(), (2.3 * w * t).cos());
-            // at rest the encoder still trembles
+            // noise of the encoder at rest
             let q = if moves { sine + 0.3 * cosine } else { 0.3 + 1e-4 * sine };
             let qd = if moves { w * (w * t).cos() - 0.69 * w * (2.3 * w * t).sin() } else { 0.0 };
             position[j].push(q);
@@ -31,7 +31,7 @@ pub fn cycle(number: u32, rows: usize) -> Cycle {
         }
     }
     samples.position = position;
-    // rows jump between stages, so velocity is left to the position's derivative
+    // rows jump between stages, so velocity is computed from the position
     samples.torque = torque;
     Cycle { number, samples }
 }

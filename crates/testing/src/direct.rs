@@ -1,4 +1,4 @@
-//! Parameters and deviations of a cycle straight from its rows, without factors: the second method of tests.
+//! Parameters and deviations of a cycle directly from its rows, without factors: the second method of tests.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
@@ -11,11 +11,11 @@ use armwatch_method::signal::filter::{FilteredSignals, filter_signals};
 use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd};
 use armwatch_model::run::{Cycle, Stage};
 
-/// Rounding of a QR of some thousand rows, times the condition of the problem, stays below.
+/// Bound of the rounding error of a QR of some thousand rows, times the condition of the problem.
 const EQUAL: f64 = 1e-9;
 
-/// Parameters by another road: the whole observation matrix of moving excitation rows, scaled, in
-/// one dense least-squares problem.
+/// Parameters by another method: the whole observation matrix of moving excitation rows, scaled, in one dense
+/// least-squares problem.
 pub fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
     let columns = &method.base.kept_columns;
     let (mut w, mut right) = (Vec::new(), Vec::new());
@@ -42,7 +42,7 @@ pub fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
     (0..columns.len()).map(|k| solved[(k, 0)] / norms[k]).collect()
 }
 
-/// Relative to the largest parameter of its kind of unit: parameters near zero have no digits.
+/// Compares relative to the norm of the parameters: parameters near zero have no exact digits.
 pub fn assert_equal(found: &[f64], expected: &[f64]) {
     let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
     assert_eq!(found.len(), expected.len());
@@ -51,7 +51,7 @@ pub fn assert_equal(found: &[f64], expected: &[f64]) {
     }
 }
 
-/// RMSD by another road: inverse dynamics with `theta`, row by row.
+/// RMSD by another method: inverse dynamics with `theta`, row by row.
 pub struct Direct<'a> {
     method: &'a Method,
     cycle: &'a Cycle,
@@ -65,7 +65,7 @@ impl<'a> Direct<'a> {
     pub fn new(method: &'a Method, cycle: &'a Cycle, theta: &[f64]) -> Self {
         let c = filter_signals(&cycle.samples, 12.0).expect("long enough");
         let n = method.robot.joint_count();
-        // what jumps is added low-passed, in place of what inverse dynamics would give of it
+        // the torque of filtered columns is added low-passed, in place of their inverse dynamics
         let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &c);
         let parameters = || method.base.kept.iter().copied().zip(theta.iter().copied());
         let steady =
@@ -85,7 +85,7 @@ impl<'a> Direct<'a> {
         Self { method, cycle, c, estimated }
     }
 
-    /// Compares a deviation of joint `j` with that over the rows that `chosen` picks.
+    /// Compares a deviation of joint `j` with that over the rows chosen by `chosen`.
     pub fn assert_rmsd(&self, j: usize, found: Rmsd, chosen: impl Fn(usize) -> bool) {
         let rows: Vec<usize> = self.c.observed_rows().filter(|&row| chosen(row)).collect();
         assert_eq!(found.samples, rows.len());

@@ -1,4 +1,4 @@
-//! What several unit tests share.
+//! Common parts of several unit tests.
 
 #![expect(clippy::expect_used, clippy::panic, reason = "only tests depend on this package")]
 
@@ -9,7 +9,7 @@ pub mod direct;
 use armwatch_config::parse_robot;
 use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, Robot};
 
-/// The ER3A as its shipped description has it.
+/// The ER3A of its shipped description.
 pub fn er3a() -> Robot {
     let text = include_str!("../../../config/robots/er3a.toml");
     parse_robot("config/robots/er3a.toml", text).unwrap_or_else(|errors| panic!("{errors}"))
@@ -23,7 +23,7 @@ pub fn change_dh(robot: &mut Robot, joint: usize, change: impl FnOnce(&mut DhPar
     *geometry = JointGeometry::modified_dh(row);
 }
 
-/// The first joints of the ER3A as an arm of their own, without an excitation.
+/// The first joints of the ER3A as a separate arm, without an excitation.
 pub fn er3a_of(joints: usize) -> Robot {
     let mut robot = er3a();
     robot.joints.truncate(joints);

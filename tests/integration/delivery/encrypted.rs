@@ -1,4 +1,4 @@
-//! The same over TLS, with an authority of the test's own: its certificate is trusted, and no other.
+//! Delivery over TLS, with an authority of the test: only its certificate is trusted.
 
 use std::fs;
 use std::io::BufReader;
@@ -43,7 +43,7 @@ fn certificates(workshop: &Workshop) {
     );
 }
 
-/// Whether the routes `trusting` and `doubting` do what their names say.
+/// Asserts that the route `trusting` delivers and the route `doubting` refuses the certificate.
 fn assert_trusts_its_authority_alone(workshop: &Workshop) {
     // an empty database
     workshop.stdout(&["ingest", "inbox"], 0);
@@ -53,7 +53,7 @@ fn assert_trusts_its_authority_alone(workshop: &Workshop) {
     assert!(out.to_lowercase().contains("certificate"), "{out}");
 }
 
-/// Answers requests over TLS, as often as asked.
+/// Answers requests over TLS, without limit.
 fn https(workshop: &Workshop, listener: TcpListener) {
     let open = |name: &str| BufReader::new(fs::File::open(workshop.path(name)).expect("a file"));
     let chain = CertificateDer::pem_reader_iter(open("server.pem")).collect::<Result<Vec<_>, _>>();
@@ -65,7 +65,7 @@ fn https(workshop: &Workshop, listener: TcpListener) {
         .with_single_cert(chain.expect("certificates"), key)
         .expect("a configuration");
     listener.set_nonblocking(true).expect("a listener");
-    // ends with the process: nothing waits for it
+    // ends with the process
     thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         runtime.block_on(async {

@@ -1,6 +1,6 @@
-//! A daemon that is killed while it delivers: every event arrives, and what arrives twice has the same key.
+//! A daemon that is killed while it delivers: every event arrives, and repetitions have the same key.
 //!
-//! `ARMWATCH_KILLS` says how many kills the long test makes, `ARMWATCH_SEED` where its random numbers begin.
+//! `ARMWATCH_KILLS` is the number of kills of the long test, `ARMWATCH_SEED` the seed of its random numbers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -13,8 +13,8 @@ use super::sink::{Posted, Sink};
 use super::{end, webhook, workshop};
 use crate::support::pass;
 
-/// Lives of the daemon are at most this long. It delivers about a tenth of a second after its start, and events come
-/// all the time.
+/// Longest life of the daemon. It delivers about a tenth of a second after its start, and events are written
+/// continuously.
 const LONGEST_LIFE: Duration = Duration::from_millis(900);
 
 fn number(variable: &str) -> Option<u64> {
@@ -22,18 +22,19 @@ fn number(variable: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("{variable}={text} is not a whole number")))
 }
 
-/// Kills so often; gives how many messages came twice or more.
+/// Kills the daemon `count` times; returns the number of messages that arrived more than once.
 fn kills(count: usize, seed: u64) -> usize {
     println!("ARMWATCH_SEED={seed}");
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // each fifth answer is a refusal for now, and answers take up to 60 ms, so that many die in between
+    // each fifth answer is a temporary refusal, and answers take up to 60 ms, so that many daemons die before the
+    // answer
     let sink = Sink::answering(|before, _| {
         let status = if before.len() % 5 == 4 { 503 } else { 200 };
         (status, Duration::from_millis(20 * (before.len() as u64 % 4)))
     });
     let workshop = workshop(&webhook("shift", &sink.url(), "most_per_h = 100000"));
     let mut outbox = Outbox::new(&workshop);
-    // the route is known: from here on nothing may be missing
+    // the route is known: from here on no event may be missing
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM delivery_route", 1);
     end(daemon);
@@ -65,7 +66,7 @@ fn kills(count: usize, seed: u64) -> usize {
         by_key.entry(posted.key()).or_default().push(posted);
     }
     assert_eq!(by_key.keys().cloned().collect::<BTreeSet<_>>(), wanted, "seed {seed}");
-    // one key is one event: what came twice says the same
+    // one key is one event: repetitions have the same content
     let saying = |posted: &Posted| {
         let told = posted.json();
         (told["title"].clone(), told["alerts"][0]["fingerprint"].clone(), told["alerts"][0]["status"].clone())
@@ -73,7 +74,7 @@ fn kills(count: usize, seed: u64) -> usize {
     for (key, posted) in &by_key {
         assert!(posted.iter().all(|one| saying(one) == saying(&posted[0])), "{key}: {posted:#?}");
     }
-    // of one anomaly, its end comes after its beginning
+    // the end of an anomaly arrives after its beginning
     let mut first_end: BTreeMap<String, bool> = BTreeMap::new();
     for posted in sink.taken() {
         let told = posted.json();

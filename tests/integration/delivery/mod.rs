@@ -1,5 +1,5 @@
-//! Alarms to people: a real daemon, real receivers on this machine. Events are written as conclusions write them
-//! ([`outbox`]); what conclusions write stands beside them.
+//! Delivery of alarms: a real daemon and real receivers on this machine. Events are written into the database in the
+//! same form as by conclusions ([`outbox`]).
 
 mod encrypted;
 mod kills;
@@ -21,7 +21,7 @@ use self::sink::{Posted, Sink};
 use crate::no_result;
 use crate::support::{Daemon, Workshop, text};
 
-/// A workshop whose daemon tries again after a tenth of a second.
+/// A workshop whose daemon retries after a tenth of a second.
 fn workshop(alerts: &str) -> Workshop {
     let workshop = Workshop::new();
     configure(&workshop, alerts);
@@ -106,7 +106,7 @@ fn a_webhook_hears_that_an_alarm_opens_gets_worse_and_ends() {
     let known =
         workshop.query("SELECT key FROM deliveries WHERE route = 'shift' AND state = 'sent' ORDER BY key");
     assert_eq!(known, keys(&posted));
-    // signed with the secret, as Standard Webhooks say
+    // signed with the secret, according to Standard Webhooks
     let key = hmac::Key::new(hmac::HMAC_SHA256, b"a secret of the two");
     for Posted { headers, text, .. } in &posted {
         let signed = format!("{}.{}.{text}", headers["webhook-id"], headers["webhook-timestamp"]);
@@ -156,7 +156,7 @@ fn a_new_route_begins_with_what_is_open_and_a_restart_repeats_nothing() {
         told["alerts"][0]["fingerprint"].as_str().is_some_and(|f| f.ends_with(&format!("-{open}"))),
         "{told}"
     );
-    // what happens while no daemon runs is told at the next start, and nothing else
+    // events without a running daemon are delivered at the next start, and nothing else
     outbox.event(info, "worse", "warning");
     outbox.event(open, "ended", "critical");
     outbox.event(info, "ended", "warning");
@@ -201,7 +201,7 @@ fn the_log_is_the_route_of_a_configuration_without_one_and_says_at_a_start_what_
 
 #[test]
 fn a_receiver_that_fails_is_tried_again_with_the_same_key_and_a_refusal_lets_others_pass() {
-    // the first alarm is never liked, and everything is too much twice
+    // the first alarm is always refused, and the receiver is overloaded twice
     let sink = Sink::answering(|before, posted| {
         let status = match before.len() {
             0 => 503,
@@ -237,7 +237,7 @@ fn a_receiver_that_fails_is_tried_again_with_the_same_key_and_a_refusal_lets_oth
 fn what_cannot_be_delivered_is_given_up_with_an_error() {
     let workshop = workshop(&format!(
         "give_up_after_h = 0.0003\n{}",
-        // nobody listens there
+        // no server listens there
         webhook("shift", "http://127.0.0.1:9/hook", "")
     ));
     let mut outbox = Outbox::new(&workshop);
@@ -307,7 +307,7 @@ fn a_flood_is_held_and_the_view_says_so() {
     assert!(workshop.log().contains("2 messages within an hour; the others wait"), "{}", workshop.log());
 }
 
-/// The clock was a year ahead when the receiver did not answer.
+/// Regression: the clock was a year ahead when the receiver did not answer.
 #[test]
 fn a_clock_that_was_ahead_does_not_silence_a_route() {
     let sink = Sink::new();
@@ -345,7 +345,7 @@ fn a_command_gets_the_message_and_its_status_decides() {
     workshop.wait_for("SELECT attempts FROM deliveries WHERE state = 'sent'", 3);
     end(daemon);
     let environment = fs::read_to_string(workshop.path("environment")).expect("what the program saw");
-    // those of the shell itself are its own
+    // variables of the shell itself
     let own = ["PWD", "SHLVL", "_", "OLDPWD"];
     let names: BTreeSet<&str> =
         environment.lines().filter_map(|line| Some(line.split_once('=')?.0)).collect();
@@ -373,7 +373,7 @@ fn routes_are_tried_by_hand() {
     let routes = webhook("shift", &sink.url(), "severity = \"critical\"\nquiet = \"00:00-23:59\"")
         + &webhook("gone", "http://127.0.0.1:9/hook", "");
     let workshop = workshop(&routes);
-    // an empty database: a message says which installation it comes from
+    // an empty database: a message names its installation
     workshop.stdout(&["ingest", "inbox"], 0);
     let out = workshop.stdout(&["alerts", "test", "shift"], 0);
     assert!(out.starts_with("shift: webhook has taken it in "), "{out}");

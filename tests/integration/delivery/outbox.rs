@@ -1,4 +1,4 @@
-//! Events of anomalies, written into a daemon's database as conclusions write them: by another process, in a
+//! Events of anomalies, written into a daemon's database in the way of conclusions: by another process, in a
 //! transaction.
 
 use std::path::Path;
@@ -17,7 +17,7 @@ pub struct Outbox {
 }
 
 impl Outbox {
-    /// Of a workshop's database, which is made where there is none, with the robots `R01` and `R02`.
+    /// Opens a workshop's database, creates it if it is missing, and adds the robots `R01` and `R02`.
     pub fn new(workshop: &Workshop) -> Self {
         workshop.stdout(&["ingest", "inbox"], 0);
         let mut outbox = Self::open(&workshop.path("armwatch.db"));
@@ -46,7 +46,7 @@ impl Outbox {
         self.runtime.block_on(read).unwrap_or_else(|error| panic!("{sql}: {error}"))
     }
 
-    /// A new anomaly that is open, with its event; its number.
+    /// Adds an open anomaly with its event; returns its number.
     pub fn open_anomaly(&mut self, robot: &str, joint: u32, severity: &str) -> i64 {
         self.write(&format!(
             "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, score, threshold, value, baseline,
@@ -61,7 +61,7 @@ impl Outbox {
         self.number("SELECT max(anomaly_id) FROM anomaly")
     }
 
-    /// Another event of an anomaly, with the severity that it has now; the number of the event.
+    /// Adds another event of an anomaly, with its present severity; returns the number of the event.
     pub fn event(&mut self, anomaly_id: i64, what: &str, severity: &str) -> i64 {
         let state = if ["ended", "resolved"].contains(&what) { "resolved" } else { "open" };
         self.write(&format!(

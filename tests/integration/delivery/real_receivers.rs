@@ -1,5 +1,5 @@
-//! Receivers as they are in the field, from Debian's packages: Alertmanager, mosquitto, an SMTP server of Python's
-//! aiosmtpd. Where one is not installed, its test says so and ends; `.ci/run` installs them.
+//! Real receivers from Debian's packages: Alertmanager, mosquitto, an SMTP server of Python's aiosmtpd. If one is not
+//! installed, its test prints that and ends; `.ci/run` installs them.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -14,7 +14,7 @@ use super::outbox::Outbox;
 use super::{end, workshop};
 use crate::support::{Workshop, end_of, wait_until};
 
-/// Where Debian's Python finds what Debian installs, whatever the machine's first Python is.
+/// Folder of Debian's Python packages, whatever the machine's first Python is.
 pub const DEBIAN_PYTHON: &str = "/usr/lib/python3/dist-packages";
 
 /// A server that ends with the test.
@@ -27,8 +27,8 @@ impl Drop for Server {
     }
 }
 
-/// Starts a program of the first path that exists, and waits until it listens; `None`, with a word, where there is
-/// none.
+/// Starts the first program that exists, and waits until it listens; prints a line and returns `None` if none is
+/// installed.
 pub fn server(paths: &[&str], log: &Path, port: u16, prepare: impl FnOnce(&mut Command)) -> Option<Server> {
     let Some(program) = paths.iter().find(|path| Path::new(path).exists()) else {
         println!("SKIPPED: {} is not installed; .ci/run installs it", paths[0]);
@@ -46,7 +46,7 @@ pub fn server(paths: &[&str], log: &Path, port: u16, prepare: impl FnOnce(&mut C
     Some(server)
 }
 
-/// A port that was free a moment ago.
+/// A port that was just free.
 pub fn port() -> u16 {
     TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port()
 }
@@ -106,13 +106,13 @@ fn an_alertmanager_shows_each_open_alarm_once_and_learns_it_again_after_its_rest
     outbox.open_anomaly("R02", 5, "critical");
     let daemon = workshop.daemon();
     workshop.wait_until(|| shown(port) == ["3 warning", "5 critical"]);
-    // another severity is another alert there; the one before has to go
+    // another severity is another alert there; the previous one must end
     outbox.event(first, "worse", "critical");
     workshop.wait_until(|| shown(port) == ["3 critical", "5 critical"]);
     let alert = get(port, "/api/v2/alerts");
     let peak = alert.as_array().and_then(|all| all.iter().find(|one| one["labels"]["joint"] == "3"));
     assert_eq!(peak.expect("the alert")["annotations"]["peak_value"], "1.3");
-    // an Alertmanager that starts anew has forgotten all
+    // an Alertmanager that starts without its data has forgotten all
     drop(manager);
     let folder = workshop.path("alertmanager");
     fs::remove_dir_all(&folder).expect("its memory");
@@ -188,7 +188,7 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
     workshop.wait_for("SELECT count(*) FROM deliveries WHERE state = 'sent'", 2);
     end(daemon);
     let prefix = format!("armwatch/alarms/R01/{anomaly} ");
-    // it ends with the second message
+    // it ends after the second message
     end_of(&mut listener.0, || format!("a message is missing: {}", log()));
     let told: Vec<Value> = fs::read_to_string(&heard)
         .expect("what was heard")
@@ -199,13 +199,13 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
     assert_eq!((&told[0]["status"], &told[1]["status"]), (&"firing".into(), &"resolved".into()));
     assert_ne!(told[0]["key"], told[1]["key"]);
     assert_eq!(told[1]["alarms"][0]["peak_value"], 1.3);
-    // a wrong password is no delivery
+    // a wrong password is a failed delivery
     fs::write(workshop.path("password"), "another\n").expect("a password");
     let out = workshop.stdout(&["alerts", "test"], 74);
     assert!(out.contains("NOT SENT to mqtt"), "{out}");
 }
 
-/// A broker without users, with more settings; `None` where there is none.
+/// A broker without users, with additional settings; `None` if it is not installed.
 fn open_broker(workshop: &Workshop, port: u16, more: &str) -> Option<Server> {
     let config =
         format!("listener {port} 127.0.0.1\nallow_anonymous true\nuser root\nlog_type all\n{more}\n");
@@ -276,7 +276,7 @@ fn a_message_that_a_broker_never_takes_has_failed_at_once_and_lets_others_pass()
     assert_eq!(states, ["1|failed|1", "2|sent|1"]);
 }
 
-/// A mail server that keeps its mails in a folder, each in a file.
+/// A mail server that stores each mail in a file of a folder.
 fn mail_server(workshop: &Workshop, port: u16, mails: &Path) -> Option<Server> {
     server(&["/usr/bin/python3"], &workshop.path("smtp.log"), port, |command| {
         command
@@ -287,7 +287,7 @@ fn mail_server(workshop: &Workshop, port: u16, mails: &Path) -> Option<Server> {
     })
 }
 
-/// Mails as Python's `email` reads them.
+/// Reads mails with Python's `email`.
 const READ_MAILS: &str = r#"
 import email, email.policy, json, pathlib, sys
 def parts(path):
@@ -332,7 +332,7 @@ fn a_mail_has_text_page_and_picture_in_the_language_of_its_route() {
     ] {
         assert!(text.lines().any(|found| found.trim() == line), "{line}\nnot in\n{text}");
     }
-    // the page says what the text says, and shows the picture that comes with it
+    // the page has the content of the text, and shows the attached picture
     for words in [
         "<html lang=\"de\">",
         "TEST (Zürich), Gelenk 3",
@@ -390,7 +390,7 @@ fn a_mail_server_takes_a_mail_for_each_event() {
     }
     assert!(found[0].contains("Subject: [armwatch] critical: R01, joint 3: drift opened"), "{}", found[0]);
     assert!(found[1].contains("Subject: [armwatch] ended: R01, joint 3: drift"), "{}", found[1]);
-    // a server that is gone is a failure, in time
+    // a missing server is reported as a failure in time
     drop(_python);
     let asked = std::time::Instant::now();
     let out = workshop.stdout(&["alerts", "test", "mail"], 74);

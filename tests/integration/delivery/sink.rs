@@ -1,4 +1,4 @@
-//! A receiver of webhooks on a port of this machine: takes down what comes and answers as it is told.
+//! A receiver of webhooks on a local port: records posts and answers as configured.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -12,12 +12,12 @@ use axum::routing::post;
 use serde_json::Value;
 use tokio::sync::oneshot;
 
-/// What came.
+/// A received post.
 #[derive(Debug, Clone)]
 pub struct Posted {
     pub headers: HashMap<String, String>,
     pub text: String,
-    /// What was answered.
+    /// Status of the answer.
     pub status: u16,
 }
 
@@ -26,13 +26,13 @@ impl Posted {
         serde_json::from_str(&self.text).unwrap_or_else(|error| panic!("{error}: {}", self.text))
     }
 
-    /// What a receiver tells repetitions by.
+    /// Key that identifies repetitions.
     pub fn key(&self) -> String {
         self.headers["webhook-id"].clone()
     }
 }
 
-/// Answers a post, given those before it: a status, after a time.
+/// Answer to a post, given the previous ones: a status, after a time.
 type Answer = dyn Fn(&[Posted], &Posted) -> (u16, Duration) + Send + Sync;
 
 #[derive(Clone)]
@@ -49,7 +49,7 @@ pub struct Sink {
 }
 
 impl Sink {
-    /// Says yes to everything.
+    /// A receiver that accepts everything.
     pub fn new() -> Self {
         Self::answering(|_, _| (200, Duration::ZERO))
     }
@@ -69,12 +69,12 @@ impl Sink {
         format!("http://{}/hook", self.address)
     }
 
-    /// What came so far.
+    /// All posts so far.
     pub fn posted(&self) -> Vec<Posted> {
         self.posted.lock().expect("no panic").clone()
     }
 
-    /// What came and was taken.
+    /// Accepted posts so far.
     pub fn taken(&self) -> Vec<Posted> {
         self.posted().into_iter().filter(|posted| posted.status == 200).collect()
     }
@@ -104,7 +104,7 @@ async fn take(State(shared): State<Shared>, headers: HeaderMap, text: String) ->
         all.push(posted.clone());
         time
     };
-    // the answer takes its time
+    // delay of the answer
     let _ = tokio::time::timeout(time, std::future::pending::<()>()).await;
     StatusCode::from_u16(posted.status).expect("a status")
 }

@@ -1,4 +1,4 @@
-//! A server that is asked over a network: encrypted, by users with a password.
+//! A server on a network: encrypted connections, users with a password.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -7,14 +7,14 @@ use super::server::Server;
 use crate::small;
 use crate::support::text;
 
-/// A password of which no character may stand in an address as it is.
+/// A password with characters that must be escaped in an address.
 const PASSWORD: &str = "a b:c/d@e?f";
 
 #[test]
 fn a_server_is_asked_encrypted_and_with_a_password() {
     let Some(mut server) = Server::start() else { return };
     let Some((port, authority)) = server.listen_encrypted() else { return };
-    // before version 14 a server kept passwords in another form unless it was told
+    // before version 14 the default form of stored passwords was another one
     server.sql(&format!(
         "SET password_encryption = 'scram-sha-256'; CREATE ROLE plant LOGIN PASSWORD '{PASSWORD}'"
     ));

@@ -1,4 +1,4 @@
-//! A PostgreSQL server of a test's own, and what a database says as a whole.
+//! A private PostgreSQL server for tests, and the whole content of a database.
 
 use std::ffi::OsString;
 use std::fs;
@@ -15,27 +15,27 @@ use sqlx::{AssertSqlSafe, Connection, Row};
 use crate::support::{Workshop, pass};
 use armwatch_store::public_views;
 
-/// Where the programs of the server are: `ARMWATCH_POSTGRES`, or where Debian's package has them.
+/// Folder of the server's programs: `ARMWATCH_POSTGRES`, or that of Debian's package.
 fn programs() -> PathBuf {
     std::env::var_os("ARMWATCH_POSTGRES").unwrap_or_else(|| "/usr/lib/postgresql/15/bin".into()).into()
 }
 
-/// A server of its own, with its files in a temporary folder and no address but a socket there.
+/// A private server, with its files in a temporary folder and a socket there as its only address.
 pub struct Server {
     folder: tempfile::TempDir,
     disk: Option<Disk>,
-    /// Of the socket, and of the address of this machine where it listens there.
+    /// Port of the socket, and of the address of this machine if it listens there.
     port: u16,
     listens: bool,
 }
 
-/// A file system of its own for the data of a server, which can be filled. A process keeps it.
+/// A separate file system for the data of a server, which can be filled. A process keeps it mounted.
 struct Disk(Child);
 
 impl Disk {
     const MEGABYTES: u32 = 400;
 
-    /// `None` where the machine gives no file system.
+    /// Returns `None` if the machine has no such file system.
     fn mount(at: &Path) -> Option<Self> {
         let script = "mount -t tmpfs -o size=$0m,mode=777 tmpfs \"$1\" && echo there && exec sleep infinity";
         let mut command = Command::new("unshare");
@@ -48,7 +48,7 @@ impl Disk {
         if said.trim() == "there" { Some(disk) } else { None }
     }
 
-    /// A path as seen by who sees this file system.
+    /// A path for processes outside this file system.
     fn path(&self, path: &Path) -> PathBuf {
         Path::new("/proc")
             .join(self.0.id().to_string())
@@ -65,12 +65,12 @@ impl Drop for Disk {
 }
 
 impl Server {
-    /// `None`, said on standard error, where the server's programs are not installed.
+    /// Returns `None`, with a message on standard error, if the server's programs are not installed.
     pub fn start() -> Option<Self> {
         Self::start_on(false)
     }
 
-    /// As [`Self::start`], on a file system that can be filled where the machine gives one.
+    /// Like [`Self::start`], on a file system that can be filled, if the machine has one.
     pub fn start_on_its_own_disk() -> Option<Self> {
         Self::start_on(true)
     }
@@ -140,7 +140,7 @@ impl Server {
         )
     }
 
-    /// Leaves no room on the file system of the server for a time; `false` if it has none of its own.
+    /// Fills the file system of the server for a time; returns `false` if it has no separate one.
     pub fn fill_disk_for(&self, time: Duration) -> bool {
         let Some(disk) = &self.disk else { return false };
         let filler = disk.path(&self.data().with_file_name("filler"));
@@ -150,7 +150,7 @@ impl Server {
         pass(time);
         drop(file);
         fs::remove_file(filler).expect("removed");
-        // it may have given up, since it could not log its last words
+        // it may have stopped, since it could not write its log
         if !self.try_control("status") {
             self.control("start");
         }
@@ -161,8 +161,8 @@ impl Server {
         format!("postgres:///fleet?host={}&port={}&user=armwatch", self.folder.path().display(), self.port)
     }
 
-    /// Lets it listen at `localhost`, encrypted, to users with a password. Gives the port and the file of the authority that
-    /// signed its certificate; `None`, said on standard error, where there is no `openssl` to make one.
+    /// Makes it listen at `localhost`, encrypted, for users with a password. Returns the port and the file of the
+    /// authority that signed its certificate; `None`, with a message on standard error, without `openssl`.
     pub fn listen_encrypted(&mut self) -> Option<(u16, PathBuf)> {
         let at = |name: &str| self.folder.path().join(name);
         let certificate = at("ca.crt");
@@ -180,7 +180,7 @@ impl Server {
                 return None;
             }
         }
-        // the server's own copies, since it takes no key that another user may read
+        // separate copies, since the server refuses a key that another user may read
         let data = self.data();
         for name in ["server.key", "server.crt"] {
             let copy = data.join(name);
@@ -202,7 +202,7 @@ impl Server {
         Some((free, certificate))
     }
 
-    /// Rows of a statement in the database `postgres`, each a line.
+    /// Rows of a statement in the database `postgres`, one line each.
     pub fn sql(&self, statement: &str) -> Vec<String> {
         self.sql_in("postgres", statement)
     }
@@ -229,12 +229,12 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // one that has ended already cannot be stopped
+        // it may have ended already
         self.try_control("stop");
     }
 }
 
-/// Columns that tell of the machine, its clock and the way to what is stored.
+/// Columns that depend on the machine, its clock and the path of the exports.
 pub const OF_THE_MACHINE: [(&str, &str); 15] = [
     ("runs", "host"),
     ("quarantine", "tries"),
@@ -253,11 +253,11 @@ pub const OF_THE_MACHINE: [(&str, &str); 15] = [
     ("conclusion_faults", "last_at"),
 ];
 
-/// Views of what the program and people did and when.
+/// Views of actions of the program and of people, with their times.
 pub const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
 
-/// Every row of every public view, as the program reads it from a database, with all digits of numbers: both engines give
-/// the same where they have taken the same in the same order.
+/// Every row of every public view, in the program's output from a database, with all digits of numbers. Both engines
+/// have the same rows after the same exports in the same order.
 pub fn dump(workshop: &Workshop, database: &str) -> String {
     rows_of_views(workshop, database, |_, _| true)
 }
@@ -266,7 +266,7 @@ pub fn rows_of_views(workshop: &Workshop, database: &str, is_told: impl Fn(&str,
     let mut dump = String::new();
     for view in public_views() {
         let name = view.name.as_str();
-        // tells of programs, not of what they have stored
+        // contents depend on the running programs, not on the exports
         if name == "hosts" {
             continue;
         }
@@ -284,8 +284,8 @@ pub fn rows_of_views(workshop: &Workshop, database: &str, is_told: impl Fn(&str,
     dump
 }
 
-/// As [`dump`], of databases that have taken the same in another order: without the numbers of rows, and without what was
-/// done when.
+/// Like [`dump`], for databases with the same exports in another order: without the numbers of rows, and without
+/// actions and their times.
 pub fn dump_in_any_order(workshop: &Workshop, database: &str) -> String {
     rows_of_views(workshop, database, |view, column| {
         !OF_DEEDS.contains(&view) && !column.ends_with("_id") && (view, column) != ("baselines", "epoch")
@@ -297,7 +297,7 @@ pub fn is_made(server: &Server, database: &str) -> bool {
     server.sql_in(database, there) == ["true"]
 }
 
-/// Whether the daemon is at work on a database: it has made the schema, and holds its claim.
+/// Returns true if a daemon works on a database: it has created the schema, and holds its claim.
 pub fn is_open(server: &Server, database: &str) -> bool {
     let claims =
         "SELECT CAST(count(*) AS text) FROM pg_locks AS held JOIN pg_database AS of ON of.oid = held.database

@@ -1,5 +1,5 @@
-//! Several daemons on one database: each export is stored once, whoever is killed, frozen, cut off or left without a server
-//! or room meanwhile.
+//! Several daemons on one database: each export is stored once, even if daemons are killed, frozen, cut off or left
+//! without a server or disk space.
 
 use std::fs;
 use std::io::Write;
@@ -16,16 +16,16 @@ use super::{events, is_watching};
 use crate::small::{self, Export, export, work};
 use crate::support::{Daemon, Workshop, assert_alike, pass, text, wait_until};
 
-/// Seconds without a word after which a daemon is taken to be gone, where that is tested: the shortest that can be set.
+/// Shortest permitted lease, s, for tests of lost daemons: a daemon counts as lost after this time without renewal.
 const LEASE_S: u64 = 1;
-/// The same where all stay: a machine that is busy with other things may keep a daemon waiting.
+/// Lease of tests without lost daemons: a busy machine may delay a daemon.
 const LONG_LEASE_S: u64 = 20;
 
 /// Cuts the connections of all programs.
 const CUT: &str = "SELECT CAST(count(pg_terminate_backend(pid)) AS text) FROM pg_stat_activity
                    WHERE application_name = 'armwatch'";
 
-/// Hosts of one workshop: the folder `inbox` and a folder of its own for each, a log and a configuration.
+/// Hosts of one workshop: the folder `inbox`, and for each host a separate folder, a log and a configuration.
 struct Cluster<'s> {
     server: &'s Server,
     workshop: Workshop,
@@ -38,7 +38,8 @@ impl<'s> Cluster<'s> {
         Self { server, workshop, address, lease_s }
     }
 
-    /// Writes the configuration of a host. All see `inbox`, and know that of each other if it `is_shared`.
+    /// Writes the configuration of a host. All hosts watch `inbox`; if `is_shared`, they know that it is the same
+    /// folder.
     fn describe(&self, host: &str, is_shared: bool, more: &str) {
         let own = format!("own_{host}");
         fs::create_dir_all(self.workshop.path(&own)).expect("a folder");
@@ -80,7 +81,7 @@ impl<'s> Cluster<'s> {
         self.sql(&format!("SELECT CAST(({statement}) AS text)")) == [wanted]
     }
 
-    /// Ends daemons as a service manager does.
+    /// Ends daemons like a service manager.
     fn stop(&self, daemons: Vec<(&str, Daemon)>) {
         for (host, daemon) in daemons {
             daemon.signal("TERM");
@@ -95,13 +96,13 @@ const SETTLED: &str = "(SELECT count(*) FROM armwatch.run WHERE status <> 'strea
 fn put(workshop: &Workshop, folder: &str, export: &Export) {
     let path = workshop.path(folder);
     fs::create_dir_all(&path).expect("a folder");
-    // as a copy from elsewhere: whole at once
+    // complete from the start, like a copy by a rename
     let partial = path.join(format!(".{}.partial", export.name));
     fs::write(&partial, &export.bytes).expect("written");
     fs::rename(partial, path.join(&export.name)).expect("renamed");
 }
 
-/// What one daemon stores in a file of the same exports.
+/// Content of a file after one daemon has stored the same exports.
 fn golden<'e>(exports: impl IntoIterator<Item = &'e Export>) -> String {
     let workshop = small::watching_work();
     for export in exports {
@@ -111,13 +112,14 @@ fn golden<'e>(exports: impl IntoIterator<Item = &'e Export>) -> String {
     contents(&workshop, workshop.path("armwatch.db").to_str().expect("a path"))
 }
 
-/// What is stored of exports, wherever they lay.
+/// Stored content of exports, independent of their folder.
 fn contents(workshop: &Workshop, database: &str) -> String {
     let folder = workshop.path("").display().to_string();
     dump_in_any_order(workshop, database).replace(&folder, "")
 }
 
-/// Two daemons divide the exports of a folder that both see, each takes its own, and both together store what one does.
+/// Two daemons divide the exports of a common folder, each reads its own folder, and together they store the content of
+/// one daemon.
 #[test]
 fn two_daemons_divide_what_both_see() {
     let Some(server) = Server::start() else { return };
@@ -142,7 +144,7 @@ fn two_daemons_divide_what_both_see() {
     for (host, robot) in [("a", "F"), ("b", "G")] {
         assert!(cluster.is(&format!("SELECT host FROM armwatch.runs WHERE robot = '{robot}'"), host));
     }
-    // one of a name
+    // one daemon per name
     let second = cluster.start("a").end();
     assert_eq!(second, Some(74));
     let log = cluster.log("a");
@@ -159,8 +161,8 @@ fn two_daemons_divide_what_both_see() {
     assert_alike(&found, &golden(shared.iter().chain(&own)), "two daemons");
 }
 
-/// A daemon that is frozen while it reads a growing export loses it to another one after its lease, and can write nothing
-/// when it wakes.
+/// A daemon that is frozen while it reads a growing export loses it to another one after its lease, and can write
+/// nothing when it continues.
 #[test]
 fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     let Some(server) = Server::start() else { return };
@@ -174,7 +176,7 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     };
     grow(1);
     ["a", "b"].iter().for_each(|host| cluster.describe(host, true, ""));
-    // what stands still for a while in this test is not at its end, which a mark says
+    // the file may stop growing in this test before its end, which a marker shows
     let slow = |host: &str| {
         let config = cluster.workshop.path(&format!("{host}.toml"));
         let text = fs::read_to_string(&config).expect("a configuration");
@@ -184,7 +186,7 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     let first = cluster.start("a");
     let stored = "SELECT count(*) FROM armwatch.cycle";
     wait_until(|| cluster.log("a").contains(" watching "), || cluster.log("a"));
-    // a file is followed once it is seen to grow
+    // a file is followed after it was seen growing
     while !cluster.is(stored, "1") {
         assert!(grow(20), "{}", cluster.log("a"));
         pass(Duration::from_millis(200));
@@ -192,11 +194,11 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     assert!(cluster.is("SELECT status FROM armwatch.runs", "streaming"), "{}", cluster.log("a"));
     let second = cluster.start("b");
     wait_until(|| cluster.log("b").contains(" watching "), || cluster.log("b"));
-    // it has looked
+    // after its next scan
     pass(Duration::from_secs(1));
     assert!(cluster.is("SELECT host FROM armwatch.runs", "a"));
     first.signal("STOP");
-    // the other one follows a file that it sees growing
+    // the other daemon follows a file that it sees growing
     let is_followed = || {
         grow(1);
         pass(Duration::from_millis(100));
@@ -225,8 +227,8 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     assert_alike(&found, &golden([&growing]), "a frozen daemon");
 }
 
-/// A daemon whose connections were cut while it was frozen, and whose name another daemon has taken since, leaves the session of
-/// that one alone when it wakes.
+/// A daemon was frozen, its connections were cut, and another daemon has taken its name. It does not end the other's
+/// session when it continues.
 #[test]
 fn a_daemon_whose_name_was_taken_ends_no_session_of_its_successor() {
     const LEASE_S: u64 = 6;
@@ -244,7 +246,7 @@ fn a_daemon_whose_name_was_taken_ends_no_session_of_its_successor() {
                FROM armwatch.host_session WHERE kind = 'daemon'";
     assert!(cluster.is(all, "2 1"), "{:?}", cluster.sql(all));
     first.signal("CONT");
-    // it renews its lease every quarter of it, and says that it cannot once the lease is over
+    // it renews its lease every quarter of it, and reports the failure after the lease is over
     let is_told = || cluster.log("a").contains("the lease cannot be renewed");
     wait_until(is_told, || cluster.logs(&["a", "successor"]));
     assert!(cluster.is(all, "2 1"), "{:?}\n{}", cluster.sql(all), cluster.logs(&["a", "successor"]));
@@ -252,7 +254,7 @@ fn a_daemon_whose_name_was_taken_ends_no_session_of_its_successor() {
     cluster.stop(vec![("successor", second)]);
 }
 
-/// Alarms of a route are sent by one daemon at a time, each once; the other goes on when that one is killed.
+/// Alarms of a route are sent by one daemon at a time, each once; the other continues when that one is killed.
 #[test]
 fn a_route_is_one_daemons_and_goes_on_without_it() {
     let Some(server) = Server::start() else { return };
@@ -280,7 +282,7 @@ fn a_route_is_one_daemons_and_goes_on_without_it() {
     let of_route = cluster.sql(&format!("SELECT CAST(host AS text) FROM ({holder}) AS of")).remove(0);
     let told = "SELECT count(*) FROM armwatch.deliveries WHERE state NOT IN ('sent', 'not_routed')";
     wait_until(|| cluster.is(told, "0"), || cluster.logs(&["a", "b"]));
-    // killed: the drop of a daemon of a test is a SIGKILL
+    // dropping a test's daemon kills it with SIGKILL
     let mut left: Vec<(&str, Daemon)> = daemons.into_iter().filter(|(host, _)| *host != of_route).collect();
     copy(&made[7..]);
     wait_until(|| cluster.is(SETTLED, "8 0"), || cluster.logs(&["a", "b"]));
@@ -304,8 +306,8 @@ fn a_route_is_one_daemons_and_goes_on_without_it() {
     assert_eq!(told, wanted, "each event once:\n{sent}");
 }
 
-/// A daemon that is frozen while it sends loses the route after its lease: what waits is the other one's, and when the first
-/// one wakes it begins no message.
+/// A daemon that is frozen while it sends loses the route after its lease. The other one sends the waiting messages,
+/// and the first one begins no message when it continues.
 #[test]
 fn a_daemon_frozen_while_it_sends_wakes_without_the_route() {
     const ALARMS: usize = 20;
@@ -313,7 +315,7 @@ fn a_daemon_frozen_while_it_sends_wakes_without_the_route() {
     let cluster = Cluster::new(&server, Workshop::new(), server.fleet(), LEASE_S);
     let sent = cluster.workshop.path("sent");
     for host in ["a", "b"] {
-        // it says who sends, and takes long enough to be frozen meanwhile
+        // it records the sender, and takes long enough to be frozen during it
         let script = format!("echo {host} $ARMWATCH_KEY >> {}; sleep 0.2", sent.display());
         let command = format!("[alerts.route.command]\nrun = [\"sh\", \"-c\", \"{script}\"]\n");
         let route = format!("[[alerts.route]]\nname = \"notes\"\nmost_per_h = 1000\n{command}");
@@ -366,7 +368,7 @@ fn a_daemon_frozen_while_it_sends_wakes_without_the_route() {
     assert!(sent.len() <= ALARMS + 1, "only what was on its way comes twice:\n{lines}");
 }
 
-/// What is done to the hosts and their server.
+/// Disturbances of the hosts and their server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Event {
     Kill,
@@ -378,16 +380,16 @@ enum Event {
 
 const EVENTS: [Event; 5] = [Event::Kill, Event::Freeze, Event::Restart, Event::Cut, Event::FullDisk];
 
-/// A daemon that found the disk of its server full has ended by then.
+/// Time until a daemon that found the disk of its server full has ended.
 const ENDING: Duration = Duration::from_secs(3);
 
-/// A daemon of a host, which is started again when the server's state has ended it, as its unit does.
+/// A daemon of a host. It is started again, like by its service unit, if the server's state has ended it.
 struct Life {
     host: &'static str,
     daemon: Daemon,
-    /// Length of its host's log when it was started.
+    /// Length of its host's log at its start.
     logged: usize,
-    /// The disk of the server was full until then, and the daemon may have ended since.
+    /// Time until which the disk of the server was full; the daemon may have ended since then.
     full_until: Option<Instant>,
 }
 
@@ -410,8 +412,8 @@ impl Life {
     }
 }
 
-/// Round after round, daemons of three hosts are killed and frozen, their server falls, cuts their connections and has no
-/// room: what is stored in the end is what one daemon stores in a file that nothing disturbs.
+/// In many rounds, daemons of three hosts are killed and frozen, and their server is stopped, cuts their connections
+/// and has a full disk. The final content is the same as from one undisturbed daemon with a file.
 fn disturbed(most: u32) {
     let Some(server) = Server::start_on_its_own_disk() else { return };
     let mut shared = Vec::new();
@@ -437,7 +439,7 @@ fn disturbed(most: u32) {
         server.sql(&format!("CREATE DATABASE {name}"));
         let address = server.fleet().replace("/fleet?", &format!("/{name}?"));
         let cluster = Cluster::new(&server, small::watching_work(), address, LEASE_S);
-        // where they do not know of each other, what all read is stored once all the same, and a fault is said by each
+        // if they do not know of the common folder, each export is still stored once, and each daemon reports a fault
         let is_shared = round % 3 != 0;
         for (host, export) in hosts.iter().zip(&own) {
             cluster.describe(host, is_shared, "");
@@ -498,7 +500,7 @@ fn disturbed(most: u32) {
             },
             || format!("{:?}\n{}", cluster.sql(LEFT), cluster.logs(&hosts)),
         );
-        // who was cut off a moment ago has joined again, or ends with its lease
+        // a daemon that was just cut off has joined again, or ends with its lease
         cluster.stop(lives.into_iter().map(|life| (life.host, life.daemon)).collect());
         let found = contents(&cluster.workshop, &cluster.address);
         assert_alike(
@@ -513,7 +515,7 @@ fn disturbed(most: u32) {
     }
 }
 
-/// What is not done yet, for who looks at a failure.
+/// Unfinished runs, for the message of a failure.
 const LEFT: &str =
     "SELECT CAST(source_name AS text), CAST(status AS text), CAST(host_session_id AS text) FROM armwatch.run";
 

@@ -1,4 +1,4 @@
-//! The matrix: what the writer does, and the runs that must come of it.
+//! The matrix: actions of the writer, and the expected runs.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -13,7 +13,7 @@ use super::stage::{Stage, append_slowly};
 use crate::small::{Export, gzip};
 use crate::support::pass;
 
-/// What a writer does, and each run that must come of it: status, cycles, and what its reason contains.
+/// An action of a writer, and each expected run: status, cycles, and a part of its reason.
 pub struct Row {
     pub name: &'static str,
     pub act: fn(&Stage),
@@ -26,7 +26,7 @@ const REPLACED: &[&str] = &["superseded|2|exported again", "complete|2|"];
 const LEADS_OUT: &[&str] = &["quarantined|0|a link that leads out"];
 const NOTHING: &[&str] = &[];
 
-/// Much shorter than the time to settle.
+/// A pause much shorter than the time to settle.
 const SHORT: Duration = Duration::from_millis(40);
 
 pub const ROWS: &[Row] = &[
@@ -206,7 +206,7 @@ fn changed_in_place(stage: &Stage) {
     let mut file = File::options().write(true).open(&path).expect("it is there");
     file.seek(SeekFrom::Start(0)).expect("a place");
     file.write_all(&second.bytes).expect("written");
-    // a time that differs by what a clock of a file server may differ
+    // a time that differs by the tolerance of a file server's clock
     file.set_modified(time + Duration::from_millis(1)).expect("a time");
 }
 
@@ -243,7 +243,7 @@ fn corrected(stage: &Stage) {
     let corrected = second(stage);
     let path = stage.put(&corrected.named(&corrected.name.replace("_x", "_corrected")));
     stage.wait(REPLACED);
-    // neither file changes its mind because it was touched
+    // a touched file does not change the decision
     for path in [path, stage.path(&corrected.name)] {
         File::options()
             .write(true)
@@ -317,7 +317,7 @@ fn deleted_while_read(stage: &Stage) {
     let most = export.bytes.len() * 9 / 10;
     append_slowly(&path, &export.bytes[..most], 30, SHORT);
     stage.wait_for_a_cycle();
-    // behind a whole line, since a cut one would be a fault
+    // after a whole line, since a cut one would be a fault
     append(&path, &export.bytes[most..]);
     fs::remove_file(path).expect("removed");
 }
@@ -372,7 +372,7 @@ fn byte_order_mark(stage: &Stage) {
     stage.put(&stage.export(5).with(|text| format!("\u{feff}{text}")));
 }
 
-/// The row's export with a line of its second cycle changed.
+/// The row's export with a changed line of its second cycle.
 fn line_of_second_cycle(stage: &Stage, change: impl Fn(&str, &str) -> String) {
     stage.put(&stage.export(5).with(|text| {
         let lines: Vec<&str> = text.split_inclusive('\n').collect();
@@ -420,7 +420,7 @@ fn read_only_folder(stage: &Stage) {
     fs::set_permissions(&path, fs::Permissions::from_mode(0o444)).expect("set");
     fs::set_permissions(stage.path(""), fs::Permissions::from_mode(0o555)).expect("set");
     stage.wait(WHOLE);
-    // or the test's folder could not be taken away
+    // otherwise the test's folder could not be deleted
     fs::set_permissions(stage.path(""), fs::Permissions::from_mode(0o755)).expect("set");
 }
 
@@ -467,7 +467,7 @@ fn two_frames(stage: &Stage) {
 
 fn bomb(stage: &Stage) {
     let name = stage.export(5).gzip().name;
-    // a member of 64 KB gives 64 MB, and there are a hundred of them
+    // a member of 64 KB expands to 64 MB, and there are a hundred of them
     let member = gzip(&vec![b'0'; 64 << 20]);
     stage.put(&Export { name, bytes: member.repeat(100) });
 }
@@ -479,7 +479,7 @@ fn made_by(stage: &Stage, program: &str, arguments: &[&str]) {
 }
 
 fn socket(stage: &Stage) {
-    // addresses of sockets are short: made elsewhere and moved in
+    // addresses of sockets are short: created elsewhere and moved in
     let folder = tempfile::tempdir().expect("a folder");
     drop(std::os::unix::net::UnixListener::bind(folder.path().join("s")).expect("a socket"));
     let moved = fs::rename(folder.path().join("s"), stage.path("R_20260105_0847.csv"));

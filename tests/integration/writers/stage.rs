@@ -1,4 +1,4 @@
-//! Where a row of the matrix acts, and what there is of its runs.
+//! The folders of a row of the matrix, and its runs.
 
 use std::collections::HashMap;
 use std::ffi::OsStr;
@@ -12,13 +12,13 @@ use std::time::{Duration, Instant};
 use crate::small::{Export, export};
 use crate::support::{Workshop, pass, query};
 
-/// Longest wait for what a row must come to; all rows share two cores.
+/// Longest wait for the runs of a row; all rows share two cores.
 const PATIENCE: Duration = Duration::from_secs(90);
 
-/// Time that a file stands still before it counts as settled.
+/// Time without a change until a file is settled.
 pub const SETTLE: Duration = Duration::from_millis(400);
 
-/// The runs of all rows, looked at a few times a second for all of them.
+/// The runs of all rows, queried a few times per second for all of them.
 pub struct Watched {
     database: PathBuf,
     runs: Mutex<HashMap<String, Vec<String>>>,
@@ -71,17 +71,17 @@ impl<'a> Stage<'a> {
         format!("row_{}", self.number)
     }
 
-    /// A place in the watched folder of the row.
+    /// A path in the watched folder of the row.
     pub fn path(&self, name: impl AsRef<OsStr>) -> PathBuf {
         self.workshop.path("inbox").join(self.key()).join(Path::new(name.as_ref()))
     }
 
-    /// A place that nobody watches, on the same file system.
+    /// A path that is not watched, on the same file system.
     pub fn outside(&self, name: impl AsRef<OsStr>) -> PathBuf {
         self.workshop.path("outside").join(self.key()).join(Path::new(name.as_ref()))
     }
 
-    /// A watched folder that is not there at first.
+    /// A watched folder that does not exist at first.
     pub fn watched(&self, folder: &str) -> PathBuf {
         self.workshop.path(folder)
     }
@@ -97,7 +97,7 @@ impl<'a> Stage<'a> {
         let lines = whole.lines();
         let cycle = |line: &[u8]| line.rsplit(|byte| *byte == b',').nth(2) == Some(b"3");
         let mut bytes = lines.iter().filter(|line| !cycle(line)).copied().collect::<Vec<_>>().concat();
-        // a digit far behind the point, of the first time, tells it from the others
+        // a digit far after the decimal point of the first time makes it different from the others
         let first = lines[0].len() + lines[1].iter().position(|byte| *byte == b',').expect("a comma");
         let mark = format!("{:03}{day:02}", self.number);
         bytes.splice(first..first, mark.into_bytes());
@@ -117,7 +117,7 @@ impl<'a> Stage<'a> {
         runs.get(&self.key()).cloned().unwrap_or_default()
     }
 
-    /// Whether the runs are as wanted, in any order: each `status|cycles|` and what the reason contains.
+    /// Returns true if the runs are as wanted, in any order: each `status|cycles|` and a part of the reason.
     pub fn is(&self, wanted: &[&str]) -> bool {
         let runs = self.runs();
         let fits = |run: &String, wanted: &str| {
@@ -127,7 +127,7 @@ impl<'a> Stage<'a> {
         runs.len() == wanted.len() && wanted.iter().all(|wanted| runs.iter().any(|run| fits(run, wanted)))
     }
 
-    /// Waits until the runs are as wanted; whether they are.
+    /// Waits until the runs are as wanted; returns true if they are.
     pub fn becomes(&self, wanted: &[&str]) -> bool {
         self.becomes_one_of(&[wanted])
     }
@@ -143,18 +143,18 @@ impl<'a> Stage<'a> {
         true
     }
 
-    /// Waits until the runs are as wanted, before the row goes on.
+    /// Waits until the runs are as wanted before the row continues.
     pub fn wait(&self, wanted: &[&str]) {
         assert!(self.becomes(wanted), "wanted {wanted:?} in between, found {:?}", self.runs());
     }
 
-    /// Waits until the first cycle is stored, or, on a machine that is busy, both after a pause.
+    /// Waits until the first cycle is stored, or both after a pause on a busy machine.
     pub fn wait_for_a_cycle(&self) {
         let runs: [&[&str]; 2] = [&["streaming|1|"], &["complete|2|"]];
         assert!(self.becomes_one_of(&runs), "no cycle, but {:?}", self.runs());
     }
 
-    /// Waits until the daemon has looked at what is there now, and again when that has settled.
+    /// Waits until the daemon has scanned the present files, and again after they have settled.
     pub fn pause(&self) {
         self.workshop.wait_for_looks_over(2 * SETTLE);
     }

@@ -1,4 +1,4 @@
-//! Simulated arms in several conventions, and what is recorded of them.
+//! Simulated arms in several conventions, and their recordings.
 
 use std::convert::Infallible;
 
@@ -10,7 +10,7 @@ use armwatch_model::run::{Samples, Stage};
 use armwatch_simulate::run::record::record;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
 
-/// An arm and how it is called in a failure.
+/// An arm and its name in failures.
 pub struct Arm {
     pub name: &'static str,
     pub robot: Robot,
@@ -63,7 +63,7 @@ pub fn with_bodies(mut robot: Robot) -> Robot {
     robot
 }
 
-/// The same arm in standard Denavit-Hartenberg rows, for tables whose first frame lies in the base.
+/// The same arm in standard Denavit-Hartenberg rows, for tables whose first frame is in the base.
 pub fn in_standard_dh(mut robot: Robot) -> Robot {
     let rows: Vec<DhParameters> =
         robot.joints.iter().map(|j| j.geometry.dh_row().expect("a table")).collect();
@@ -78,7 +78,7 @@ pub fn in_standard_dh(mut robot: Robot) -> Robot {
     robot
 }
 
-/// The same arm as a URDF file gives it.
+/// The same arm in the form of a URDF file.
 pub fn as_urdf(mut robot: Robot) -> Robot {
     for joint in &mut robot.joints {
         let placement: Transform = *joint.geometry.placement();
@@ -97,8 +97,8 @@ pub fn arms() -> Vec<Arm> {
     ]
 }
 
-/// The excitation stage of a cold arm as the simulator records it: friction with a bump at low speed,
-/// ripple and warm-up, noise and steps of the sensors.
+/// The excitation stage of a cold simulated arm: friction with a bump at low speed, ripple and warm-up, noise and
+/// resolution of the sensors.
 pub fn excitation(robot: &Robot, seed: u64, rate: f64) -> Samples {
     let settings = SimulationSettings {
         seed,

@@ -1,4 +1,4 @@
-//! What people and loggers get wrong, one thing at a time.
+//! Errors of people and loggers, one at a time.
 
 use super::arms::shipped;
 use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, Robot, Transform, UrdfOrigin};
@@ -14,7 +14,7 @@ pub fn velocity(samples: &mut Samples) -> Option<&mut Vec<Vec<f64>>> {
     samples.velocity.as_mut()
 }
 
-/// The torque channels `delay` s later.
+/// Delays the torque channels by `delay` s.
 pub fn delayed(samples: &mut Samples, delay: f64) {
     let rate = (samples.rows() - 1) as f64 / (samples.time[samples.rows() - 1] - samples.time[0]);
     let shift = (delay * rate).round() as usize;
@@ -25,7 +25,7 @@ pub fn delayed(samples: &mut Samples, delay: f64) {
     }
 }
 
-/// What is wrong with a recording.
+/// An error in a recording.
 pub struct Wrong {
     pub name: &'static str,
     pub spoil: fn(&mut Samples, usize),
@@ -146,7 +146,7 @@ pub const WRONG_RECORDINGS: &[Wrong] = &[
     Wrong { name: "all torques zero", spoil: |s, _| s.torque.iter_mut().for_each(|t| t.fill(0.0)) },
 ];
 
-/// Gear ratios and rated torques that differ from joint to joint, as they do.
+/// Gear ratios and rated torques that differ from joint to joint, as is usual.
 pub const GEARS: [f64; 6] = [121.0, 161.0, 101.0, 81.0, 50.0, 51.0];
 pub const RATED: [f64; 6] = [160.0, 220.0, 80.0, 18.0, 21.0, 9.0];
 
@@ -170,7 +170,7 @@ pub fn motor_side(samples: &mut Samples) {
     }
 }
 
-/// What is wrong with a description; `None` where it does not apply to the arm.
+/// An error in a description; `None` if it does not apply to the arm.
 pub struct WrongDescription {
     pub name: &'static str,
     pub spoil: fn(&Robot) -> Option<Robot>,
@@ -180,7 +180,7 @@ pub fn rows(robot: &Robot) -> Option<Vec<DhParameters>> {
     robot.joints.iter().map(|joint| joint.geometry.dh_row()).collect()
 }
 
-/// The arm with another table, read in the convention of its own.
+/// The arm with another table, read in its own convention.
 pub fn with_rows(robot: &Robot, rows: &[DhParameters]) -> Robot {
     let mut robot = robot.clone();
     if matches!(robot.joints[0].geometry.source(), GeometrySource::StandardDh(_)) {

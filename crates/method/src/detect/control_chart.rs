@@ -9,8 +9,8 @@ use std::f64::consts::FRAC_PI_2;
 use crate::statistics::descriptive::median;
 use armwatch_model::anomaly::Severity;
 
-/// Weight `w` of the newest value. Three values in a row have four fifths of the weight, so that one odd
-/// value does not decide.
+/// Weight `w` of the newest value. Three values in a row have four fifths of the weight, so that one outlier has little
+/// effect.
 pub const EWMA_WEIGHT: f64 = 0.4;
 
 /// Median of the first `count` values; `None` while there are fewer.
@@ -30,7 +30,7 @@ pub(super) fn steady_variance(spread: f64) -> f64 {
     EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * spread * spread
 }
 
-/// EWMA of values whose weights the caller gives: [`EWMA_WEIGHT`] for all where all are equally certain.
+/// EWMA of values. The caller gives each weight: [`EWMA_WEIGHT`] for all if all are equally certain.
 #[derive(Debug)]
 pub(super) struct Ewma {
     average: f64,
@@ -49,8 +49,8 @@ impl Ewma {
     }
 }
 
-/// EWMA of values of which some are less certain than usual. The weight of a value is `w s² / var x`, with
-/// the usual variance `s²`. The variance of the EWMA is `var z_k = w_k² var x_k + (1 - w_k)² var z_(k-1)`.
+/// EWMA of values with unequal variances. The weight of a value is `w s² / var x`, with the usual variance `s²`. The
+/// variance of the EWMA is `var z_k = w_k² var x_k + (1 - w_k)² var z_(k-1)`.
 #[derive(Debug)]
 pub(super) struct UnequalEwma {
     ewma: Ewma,
@@ -78,7 +78,7 @@ impl UnequalEwma {
         self.ewma.average
     }
 
-    /// Starts anew at a level that values of this variance have shown.
+    /// Restarts at a level that values of this variance have shown.
     pub(super) fn restart(&mut self, level: f64, variance: f64) {
         self.ewma = Ewma::new(level);
         self.variance = variance;
@@ -90,24 +90,24 @@ impl UnequalEwma {
     }
 }
 
-/// Changes from the baseline that count, if they are more than chance.
+/// Limits of the change from the baseline.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
     /// Change that is a warning.
     pub(super) warning: f64,
     /// Change that is critical.
     pub(super) critical: f64,
-    /// Standard deviations of the change that could be chance.
+    /// Largest change by chance, in its standard deviations.
     pub(super) sigma: f64,
 }
 
 impl Limits {
-    /// Change at which an anomaly begins; `deviation` is the standard deviation of the change.
+    /// Least change of an anomaly; `deviation` is the standard deviation of the change.
     pub(super) fn threshold(&self, deviation: f64) -> f64 {
         self.warning.max(self.sigma * deviation)
     }
 
-    /// How severe a change is; `None` below the threshold.
+    /// Severity of a change; `None` below the threshold.
     pub(super) fn severity(&self, change: f64, threshold: f64) -> Option<Severity> {
         if change < threshold {
             return None;
@@ -130,8 +130,8 @@ mod tests {
 
     #[test]
     fn the_variance_follows_from_the_weights_of_all_values() {
-        // by definition: the average is a sum of all values, its variance the sum of the squared weights
-        // times theirs
+        // the definition: the average is a weighted sum of all values, its variance the sum of squared weights times
+        // variances
         let spread = 0.02;
         let variances: Vec<f64> = (0..30).map(|i| spread * spread * f64::from(1 + i % 4)).collect();
         let mut chart = UnequalEwma::new(0.0, spread);

@@ -10,13 +10,14 @@ use armwatch_model::robot::JointIndex;
 
 /// Quiet runs that end an episode.
 const QUIET_RUNS: usize = 2;
-/// How many times more quiet runs it takes where an episode came back. What stays about its limit would otherwise open and
-/// end again and again (a chattering alarm, EEMUA 191).
+/// Factor on the number of quiet runs if an episode came back. Otherwise a value near its limit would open and end
+/// episodes again and again (a chattering alarm, EEMUA 191).
 const AGAIN: usize = 4;
-/// Most quiet runs that it takes. What comes back after as many is another episode, which two quiet runs end.
+/// Most quiet runs that an episode needs to end. After that many, the next anomaly is a new episode, which two quiet
+/// runs end.
 const MOST_QUIET_RUNS: usize = 32;
 
-/// Whether it is something that happens, and not a state: one that comes back is another one.
+/// Returns true for events as opposed to states: each recurrence of an event is a new episode.
 fn is_event(kind: AnomalyKind, quantity: Quantity) -> bool {
     kind == AnomalyKind::Payload || quantity == Quantity::Contact
 }
@@ -34,8 +35,8 @@ pub(super) fn anomalies<Series>(
     detectors.iter().flat_map(of_detector).collect()
 }
 
-/// Joins the verdicts of successive runs into episodes; `joint` is `None` for the whole arm. What comes back soon needs more
-/// quiet runs to end, unless it is an event.
+/// Joins the verdicts of successive runs into episodes; `joint` is `None` for the whole arm. An anomaly that soon comes
+/// back needs more quiet runs to end, except if it is an event.
 pub(super) fn episodes(
     runs: &[(i64, Timestamp)],
     joint: Option<JointIndex>,
@@ -144,7 +145,7 @@ mod tests {
 
     #[test]
     fn what_comes_back_again_and_again_becomes_one_episode() {
-        // once in seven runs: the second episode takes eight quiet runs to end
+        // once in seven runs: the second episode needs eight quiet runs to end
         assert_eq!(found(|run| run % 7 == 6, 365), [(6, 6, true), (13, 363, false)]);
         assert_eq!(found(|run| run % 7 == 6 && run < 100, 365), [(6, 6, true), (13, 97, true)]);
     }
@@ -175,7 +176,7 @@ mod tests {
             ]),
             [(TorqueOffset, -0.5, 0.5)]
         );
-        // a gain of -8 % and one of +5 %
+        // gains of -8 % and +5 %
         let gains =
             vec![out(TorqueGainRatio, 0.08, 0.03, 0.92, 1.0), out(TorqueGainRatio, 0.05, 0.03, 1.05, 1.0)];
         assert_eq!(peak(gains), [(TorqueGainRatio, 0.92, 0.08)]);
@@ -185,7 +186,7 @@ mod tests {
     fn something_worse_is_another_episode() {
         let severity = |run: usize| match run {
             3 | 7 => Some(Severity::Info),
-            // two quiet runs before the one, none before the other
+            // two quiet runs before the warning, none before the critical one
             12 => Some(Severity::Warning),
             13 => Some(Severity::Critical),
             _ => None,

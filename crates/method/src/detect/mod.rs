@@ -1,4 +1,4 @@
-//! Detectors: what changes over the runs of a robot.
+//! Detectors of changes over the runs of a robot.
 
 mod verdict;
 pub mod rate;

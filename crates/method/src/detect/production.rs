@@ -1,10 +1,9 @@
-//! Anomalies of a robot's joints between its tests, from logs of ordinary work.
+//! Anomalies of a robot's joints between its tests, from production logs.
 //!
-//! Pure functions over the summaries of all complete logs of a robot, oldest first. A joint is compared with
-//! its own first logs after the test that they are held against: work that moves otherwise than a test, or a
-//! load that the test did not carry, is there from the first log on and is no change. The first logs may be
-//! wrong themselves, so each log is also compared with the test's own error, and their friction with that of
-//! the logs after earlier tests.
+//! Pure functions over the summaries of all complete logs of a robot, oldest first. A joint is compared with its own
+//! first logs after the reference test: motion unlike the test, or a load that the test did not carry, is present from
+//! the first log and is no change. The first logs may be wrong themselves. So each log is also compared with the test's
+//! own error, and the friction of the first logs with that of the logs after earlier tests.
 
 mod causes;
 mod series;
@@ -32,7 +31,7 @@ use armwatch_model::robot::JointIndex;
 /// All detectors of a joint. Anomalies of a joint are found in this order.
 const DETECTORS: &[&ProductionDetector] = &[&FrictionRise, &LoadChange, &TestDeviation, &TorqueSignal];
 
-/// Looks at the complete logs of one robot, oldest first.
+/// Detects anomalies in the complete logs of one robot, oldest first.
 #[must_use]
 pub fn detect_production(history: &[ProductionSummary], settings: &DetectSettings) -> Vec<Anomaly> {
     let moments: Vec<(i64, Timestamp)> = history.iter().map(|log| (log.run_id, log.started_at)).collect();

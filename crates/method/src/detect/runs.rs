@@ -1,9 +1,8 @@
 //! Anomalies and health of a robot's joints, from the history of its tests.
 //!
-//! Pure functions over the summaries of all complete runs, oldest first. The whole history is
-//! judged anew each time, so a run that arrives late falls into its place, and the same history
-//! always gives the same anomalies. Every joint is compared with its own baseline: two arms of one
-//! model differ by half in friction when both are healthy.
+//! Pure functions over the summaries of all complete runs, oldest first. The whole history is evaluated again each
+//! time. So a run that arrives late takes its place in time, and the same history always gives the same anomalies.
+//! Every joint is compared with its own baseline: two healthy arms of one model differ by half in friction.
 
 mod history;
 mod curve;
@@ -39,23 +38,23 @@ use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary};
 use armwatch_model::robot::JointIndex;
 
-/// [`detect_among`] for a robot of whose model there is no other.
+/// [`detect_among`] for the only robot of its model.
 #[must_use]
 pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
     detect_among(history, &[], settings)
 }
 
-/// Looks at the complete runs of one robot, oldest first, whose cycles were all read. `peers` are the other robots of its
-/// model. Runs of two epochs of a joint are not compared ([`armwatch_model::anomaly::epoch`]): each epoch has its own baseline, and
-/// anomalies of an earlier one have ended.
+/// Detects anomalies in the complete runs of one robot, oldest first, whose cycles were all read. `peers` are the other
+/// robots of its model. Runs of two epochs of a joint are not compared ([`armwatch_model::anomaly::epoch`]): each epoch
+/// has its own baseline, and anomalies of an earlier one have ended.
 #[must_use]
 pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Findings {
     let mut parts = Parts::new(history, settings, None);
     findings(&mut parts, peers)
 }
 
-/// [`detect_among`] with what earlier conclusions found in the cycles of tests. The findings are the same. A test is judged again
-/// only if `kept` has no valid judgement of it.
+/// [`detect_among`] with the findings of earlier conclusions in the cycles of tests. The findings are the same. A test
+/// is evaluated again only if `kept` has no valid judgement of it.
 #[must_use]
 pub fn detect_with(
     history: &[RunSummary],
@@ -120,8 +119,8 @@ fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
     findings
 }
 
-/// Whether a contact is what an anomaly of one test alone shows: the torque of one cycle makes the RMSD swing, and shifts what is
-/// identified of a torque signal.
+/// Returns true if a contact explains an anomaly of one test alone: the torque of one cycle makes the RMSD swing, and
+/// shifts the identified properties of a torque signal.
 fn explains(contact: &Anomaly, anomaly: &Anomaly) -> bool {
     let is_of_test = anomaly.first_run_id == anomaly.last_run_id
         && [contact.first_run_id, contact.last_run_id].contains(&anomaly.first_run_id);

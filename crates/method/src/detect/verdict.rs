@@ -1,12 +1,12 @@
-//! What every detector is told, and what it says of a run.
+//! The verdict of a detector about one run.
 
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Severity};
 
-/// Odds beyond which no model is believed.
+/// Upper limit of reported odds.
 pub(super) const MOST_ODDS: f64 = 1e9;
 
-/// What one run says of one quantity.
+/// Result of one run for one quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Verdict {
     /// Not measured, or not comparable.
@@ -25,11 +25,11 @@ pub(super) enum Verdict {
     },
 }
 
-/// What a comparison of causes adds to a verdict.
+/// Additions of a comparison of causes to a verdict.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Why {
-    /// Place in the history of the run in which the change began, and the cycle, where that is better known than by
-    /// the first verdict.
+    /// Place in the history of the first run with the change, and the cycle, if the comparison dates the onset better
+    /// than the first verdict.
     pub(super) onset: Option<(usize, Option<u32>)>,
     /// The quantity that shows the cause, if it is not the detector's.
     pub(super) quantity: Option<Quantity>,
@@ -39,7 +39,7 @@ pub(super) struct Why {
     pub(super) alternatives: Vec<Alternative>,
 }
 
-/// A figure and its limit with as few decimals, up to three, as tell them apart.
+/// A value and its limit with as few decimals, up to three, as make them differ.
 pub(super) fn apart(figure: f64, limit: f64) -> [String; 2] {
     (0..3)
         .map(|decimals| [figure, limit].map(|of| format!("{of:.decimals$}")))

@@ -1,74 +1,78 @@
-//! The window: the part of a long history that detectors use. A conclusion after the ten thousandth run costs as much as one after the
-//! thousandth.
+//! The window: the part of a long history that detectors use. A conclusion after the ten thousandth run costs as much
+//! as one after the thousandth.
 //!
-//! Tests and logs of production are histories of their own. Boundaries are at every [`Lengths::step`]th run in the order of
-//! recording. A history of fewer than two steps is judged as a whole. In a longer one, the latest boundary with a step of runs
-//! behind it is in force, and the window contains
+//! Tests and production logs are separate histories. Boundaries are at every [`Lengths::step`]th run in the order of
+//! recording. A history of fewer than two steps is evaluated as a whole. In a longer one, the latest boundary with a
+//! step of runs after it is in force, and the window contains
 //!
 //! * the runs that baselines and limits of later runs are learnt from ([`Windowed::heads`]),
-//! * the runs around the beginning of each anomaly that is open at the boundary, so that its beginning stays,
-//! * some runs that lead in to the boundary, and all runs behind it.
+//! * the runs around the onset of each anomaly that is open at the boundary, so that its onset stays,
+//! * some lead-in runs before the boundary, and all runs after it.
 //!
-//! Anomalies that ended before the boundary are settled and stay as they are. They are those of the window before, when a step
-//! of runs behind the boundary is known. A run that arrives later with a start before the boundary is not judged.
+//! Anomalies that ended before the boundary are settled and do not change. They are those of the previous window at the
+//! time when a step of runs after the boundary is known. A run that arrives later with a start before the boundary is
+//! not evaluated.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{Anomaly, AnomalyKind};
 
-/// How long the parts of a window are, in runs.
+/// Lengths of the parts of a window, in runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lengths {
     /// From one boundary to the next.
     pub step: usize,
-    /// Before the boundary; at most a step.
+    /// Lead-in before the boundary; at most a step.
     pub lead: usize,
-    /// First ones of an epoch, or of the logs behind a test.
+    /// First runs of an epoch, or first logs after a test.
     pub head: usize,
-    /// On either side of the first one of an open anomaly.
+    /// Runs on either side of the first run of an open anomaly.
     pub around: usize,
 }
 
 impl Lengths {
-    /// Of tests. A year of daily ones, and the next two, are judged as a whole. Sixty-four tests have the baseline, the forty that
-    /// limits are learnt from and the eight that wait meanwhile; the shape of a change is told from sixty tests before it.
+    /// Lengths for tests. Daily tests of two and a half years are evaluated as a whole. Sixty-four tests contain the
+    /// baseline, the forty that limits are learnt from, and the eight that wait before they are learnt. The shape of a
+    /// change depends on the sixty tests before it.
     pub const OF_TESTS: Self = Self { step: 500, lead: 250, head: 64, around: 60 };
-    /// Of logs of ordinary work. Those of three weeks, where one is written an hour, are judged as a whole. The level behind a test
-    /// stands on its first three logs, of which some may be of other work; what is usual from log to log is learnt from
-    /// those that lead in.
+    /// Lengths for production logs. Hourly logs of three weeks are evaluated as a whole. The level after a test is the
+    /// median of its first three logs, and some of these may be of other work. The usual difference from log to log is
+    /// learnt from the lead-in.
     pub const OF_LOGS: Self = Self { step: 250, lead: 125, head: 6, around: 8 };
 }
 
-/// A run of a history, as windows see it.
+/// A run of a history, as needed by windows.
 pub trait Windowed: Sized {
-    /// Its place in time.
+    /// Position in time.
     fn moment(&self) -> Moment;
 
-    /// Epochs of the joints that begin with it, by position: how often a joint was worked on before. Empty where it has none.
+    /// Epochs of the joints that begin with it, by position: the number of earlier maintenances of the joint. Empty if
+    /// it has none.
     fn epochs(&self) -> &[u32];
 
-    /// Whether it says something beside that it is there: what does not stands beside other runs than it did, and is left out.
+    /// True if the run has a result. A run without one is omitted: its neighbours in the window differ from those in
+    /// the history.
     fn says_something(&self) -> bool;
 
-    /// Places before `until` of what baselines and limits are learnt from that hold from there on: of each, `count` runs.
+    /// Places before `until` of the runs that baselines and limits after `until` are learnt from: `count` runs of each.
     fn heads(window: &[Self], until: usize, count: usize) -> BTreeSet<usize>;
 }
 
-/// Place of the first run behind the boundary in the runs of its window.
+/// Place of the first run after the boundary in the window.
 fn place(settled: &Settled, window: &[impl Windowed]) -> usize {
     settled.boundary.map_or(0, |boundary| window.partition_point(|run| run.moment() < boundary))
 }
 
-/// Whether there are so many runs in this window that the next boundary is in force. They end then with the last that
-/// what is settled there follows from.
+/// Returns true if the window has enough runs for the next boundary. The window then ends with the last run that the
+/// settled anomalies depend on.
 #[must_use]
 pub fn is_over(settled: &Settled, window: &[impl Windowed], lengths: &Lengths) -> bool {
     window.len() >= place(settled, window) + 2 * lengths.step
 }
 
-/// Anomalies that are not settled, of those `found` in the window: what lies before the boundary is known already, and what
-/// was open there goes on as what it was.
+/// Anomalies that are not settled, from those `found` in the window. Those before the boundary are known already. Those
+/// that were open at the boundary continue under their first kind and onset.
 #[must_use]
 pub fn put_together(settled: &Settled, window: &[impl Windowed], found: Vec<Anomaly>) -> Vec<Anomaly> {
     if settled.boundary.is_none() {
@@ -86,13 +90,13 @@ pub fn put_together(settled: &Settled, window: &[impl Windowed], found: Vec<Anom
             None => {}
         }
     }
-    // the window shows no more of it
+    // open anomalies that the window no longer shows have ended
     let gone = settled.open.iter().zip(&known).filter(|(_, known)| known.is_none());
     together.extend(gone.map(|(open, _)| Anomaly { ended: true, ..open.clone() }));
     together
 }
 
-/// For each open anomaly the number of the one found that goes on with it.
+/// For each open anomaly, the index of the found anomaly that continues it.
 fn matched(settled: &Settled, found: &[Anomaly]) -> Vec<Option<usize>> {
     let mut pairs = Vec::new();
     for (o, open) in settled.open.iter().enumerate() {
@@ -114,8 +118,8 @@ fn matched(settled: &Settled, found: &[Anomaly]) -> Vec<Option<usize>> {
     known
 }
 
-/// What is settled at the next boundary, and the anomalies that ended before it. `window` has all runs of the window
-/// that [is over](is_over) and no later ones, `together` what it says.
+/// State at the next boundary, and the anomalies that ended before it. `window` has all runs of the window that [is
+/// over](is_over) and no later ones; `together` has its anomalies.
 #[must_use]
 pub fn next(
     settled: &Settled,
@@ -129,7 +133,7 @@ pub fn next(
     let place_of = |run_id: i64| places.get(&run_id).copied();
     let (mut open, mut ended) = (Vec::new(), Vec::new());
     for anomaly in together {
-        // a run that is not in the window any more is before it
+        // a run that is no longer in the window was before it
         let [first, last] = [anomaly.first_run_id, anomaly.last_run_id].map(|of| place_of(of).unwrap_or(0));
         if anomaly.ended && last < boundary {
             ended.push(anomaly.clone());
@@ -158,7 +162,7 @@ pub fn next(
     (next, ended)
 }
 
-/// Runs with which epochs began, those that were known and those that began in these runs, and epochs of each joint.
+/// Runs that began epochs, both earlier ones and those among these runs, and the number of epochs of each joint.
 fn epochs_before(settled: &Settled, runs: &[impl Windowed]) -> (Vec<i64>, Vec<u32>) {
     let (mut first, mut known) = (settled.first_of_epochs.clone(), settled.epochs.clone());
     for run in runs {
@@ -179,14 +183,14 @@ fn places(window: &[impl Windowed]) -> HashMap<i64, usize> {
     window.iter().enumerate().map(|(place, run)| (run.moment().1, place)).collect()
 }
 
-/// What people hear of as one fault, as for anomalies that are stored: friction changed, or one quantity of one kind.
+/// Returns true if both are one fault to users, as for stored anomalies: changed friction, or one quantity of one kind.
 fn is_of_one_cause(open: &Anomaly, new: &Anomaly) -> bool {
     let is_change = |of: &Anomaly| matches!(of.kind, AnomalyKind::Drift | AnomalyKind::Step);
     (open.kind == new.kind && open.quantity.is_of_one_cause(new.quantity))
         || (is_change(open) && is_change(new))
 }
 
-/// An anomaly as the window shows it, which began as one that was open at the boundary and is of its kind.
+/// The open anomaly, continued by the one that the window shows; it keeps its kind.
 fn going_on(open: &Anomaly, found: Anomaly) -> Anomaly {
     let kind = open.kind;
     let mut anomaly = open.clone();

@@ -1,6 +1,7 @@
-//! What windows of ordinary work leave of the torque that a test leads to expect, along what each cause would change.
+//! Deviation of windows of production from the torque of a test's parameters, along the direction of each cause.
 //!
-//! Every direction is a change of the parameters that one joint feels, so that its torque over the rows is `w delta`. With
+//! Every direction is a change of the parameters in the torque of one joint, so its torque over the rows is `w delta`.
+//! With
 //! the triangular factor `R` of `[w | tau]` over these rows, products of `w delta` and of the deviation `tau - w theta`
 //! are those of `R [delta; 0]` and `R [-theta; 1]`.
 
@@ -13,7 +14,7 @@ use armwatch_model::analysis::Motion;
 use armwatch_model::analysis::work_evidence::{DEVIATION, JointEvidence, PRODUCTS, WorkDirection};
 use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind};
 
-/// Evidence of the joints that move in the rows behind `factors`, against the parameters of `reference`.
+/// Evidence of the joints that move in the rows of `factors`, against the parameters of `reference`.
 ///
 /// # Errors
 /// [`NumericsError::ColumnsDiffer`] unless the parameters are exactly those of the columns.
@@ -33,8 +34,8 @@ pub fn window_evidence(
     Ok((0..columns.joint_count()).map(JointIndex::new).filter_map(of).collect())
 }
 
-/// Changes of a joint's parameters by the directions and, as the last column, the parameters themselves, which the
-/// deviation lacks: `[b x (directions + 1)]`.
+/// Changes of a joint's parameters by the directions. The last column is the parameters themselves, which are
+/// subtracted in the deviation: `[b x (directions + 1)]`.
 fn directions(joint: JointIndex, ids: &[ParameterId], theta: &[f64], reference: &Reference) -> DMatrix<f64> {
     use FrictionTerm::{Coulomb, CoulombNegative, CoulombPositive, F1, Offset};
     let entry = |row: usize, column: usize| {
@@ -145,7 +146,7 @@ mod tests {
         let joint = JointIndex::new(3);
         let friction = |id: ParameterId| matches!(id.kind, ParameterKind::Friction(_)) && id.joint == joint;
         let f1 = |id: ParameterId| id.kind == ParameterKind::Friction(FrictionTerm::F1);
-        // a kilogram at (0.1, -0.2, 0.3) m of the last link, by its standard parameters
+        // one kilogram at (0.1, -0.2, 0.3) m of the last link, by its standard parameters
         let mut phi = vec![0.0; ParameterId::natural_order(&window.method.robot).len()];
         let (last, body) = (10 * (window.method.robot.joint_count() - 1), [1.0, 0.1, -0.2, 0.3]);
         phi[last..last + 4].copy_from_slice(&body);
@@ -171,7 +172,7 @@ mod tests {
             assert!((found / expected - 1.0).abs() < EQUAL, "{found} {expected}");
             assert!((expected / square(&usual, joint) - 1.0).abs() > 1e-6, "it changes something");
         }
-        // all of the torque and the deviation are what was measured
+        // the sum of model torque and deviation is the measured torque
         let gain = WorkDirection::Gain.place();
         let measured =
             own.product(gain, gain) + 2.0 * own.product(gain, DEVIATION) + own.product(DEVIATION, DEVIATION);

@@ -1,4 +1,4 @@
-//! Windows of ordinary work against the parameters of a test, without identification.
+//! Windows of production compared with the parameters of a test, without identification.
 
 pub mod reference;
 mod evidence;

@@ -1,4 +1,4 @@
-//! The parameters of a test that ordinary work is held against.
+//! The parameters of a test with which production is compared.
 
 use std::collections::BTreeMap;
 
@@ -9,25 +9,25 @@ use armwatch_model::robot::{ParameterId, shares_of_link};
 /// Parameters of a test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
-    /// The run that they were identified on.
+    /// Run of the identification.
     pub run_id: i64,
-    /// How its rows became parameters.
+    /// Estimator of the parameters.
     pub estimator: Estimator,
-    /// Base parameters, friction among them.
+    /// Base parameters, including friction.
     pub parameters: Vec<(ParameterId, f64)>,
-    /// What mass and first moments of the last link add to each of them; empty where that is not known.
+    /// Coefficients of the last link's mass and first moments in each parameter; empty if unknown.
     pub last_link: BTreeMap<ParameterId, [f64; WorkDirection::LOAD]>,
 }
 
 impl Reference {
-    /// What mass and first moments of the last link add to a parameter.
+    /// Coefficients of the last link's mass and first moments in a parameter.
     pub(super) fn of_last_link(&self, id: ParameterId) -> [f64; WorkDirection::LOAD] {
         self.last_link.get(&id).copied().unwrap_or_default()
     }
 }
 
-/// What mass and first moments of the last link add to base parameters, each given with the sum of standard parameters
-/// that it stands for.
+/// Coefficients of the last link's mass and first moments in base parameters, each given with its sum of standard
+/// parameters.
 #[must_use]
 pub fn last_link_shares<'a>(
     groupings: impl IntoIterator<Item = (ParameterId, &'a [(f64, ParameterId)])>,

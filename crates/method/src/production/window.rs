@@ -1,5 +1,5 @@
-//! Windows of ordinary work against parameters that a test has given: no identification, since a program
-//! of production moves as it must and not as parameters need.
+//! Windows of production compared with the parameters of a test. There is no identification, since the motion of
+//! production is not chosen for parameters.
 
 use std::borrow::Cow;
 
@@ -19,14 +19,14 @@ use armwatch_model::analysis::{
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 use armwatch_model::run::{Cycle, RunKind};
 
-/// Why a window of production has no parameters; never shown while it has factors.
+/// The reason for missing parameters of a window of production; never shown while it has factors.
 const NO_IDENTIFICATION: &str = "production is not identified on";
 
-/// Conditions a window as a cycle of a test, keeps its factors, and holds its torques against those that
-/// `reference` gives, see [`check_window`].
+/// Conditions a window as a cycle of a test, keeps its factors, and compares its torques with those of `reference`, see
+/// [`check_window`].
 ///
-/// Never fails: what could not be had says why in the result. Channels are not diagnosed as those of a
-/// test, since in ordinary work joints may well stand still or move at one speed.
+/// Never fails: the result contains the reason for each missing part. Channels are not diagnosed as in a test, since
+/// joints may stand still or move at one speed in production.
 #[must_use]
 pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Reference>) -> CycleAnalysis {
     let mut samples = Cow::Borrowed(&cycle.samples);
@@ -64,15 +64,15 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     let factored =
         factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);
     keep_factors(method, &factored, &mut analysis);
-    // parameters of other columns are no error here: what a window is held against is settled later
+    // parameters of other columns are no error here: the comparison is made later
     analysis.production =
         reference.and_then(|reference| check_window(&method.columns, &factored.factors, reference).ok());
     analysis
 }
 
-/// Holds the rows behind `factors` against the parameters of `reference` `[b]`: deviation with and without slow rows
-/// [5.1], and the friction excess `e` that minimises `|tau - w theta - e w_f theta_f|` over the moving rows, `w_f`
-/// being the columns of the joint's own friction.
+/// Compares the rows of `factors` with the parameters of `reference` `[b]`. The results are the deviation with and
+/// without slow rows [5.1], and the friction excess `e` that minimises `|tau - w theta - e w_f theta_f|` over the
+/// moving rows, with the columns `w_f` of the joint's own friction.
 ///
 /// # Errors
 /// [`NumericsError::ColumnsDiffer`] unless the parameters are exactly those of the columns.
@@ -97,7 +97,7 @@ pub fn check_window(
     })
 }
 
-/// From factors alone: reflections keep the inner products of `w theta - tau` and `w_f theta_f`.
+/// Friction excess from factors alone: reflections keep the inner products of `w theta - tau` and `w_f theta_f`.
 fn friction_excess(
     columns: &FactorColumns,
     factors: &[JointFactor],

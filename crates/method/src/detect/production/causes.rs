@@ -1,23 +1,23 @@
-//! Which cause explains what a log of ordinary work leaves of the torque that its test leads to expect.
+//! Cause of the torque in a production log that its test does not predict.
 //!
-//! Nothing is learnt from other logs: a log is compared with the error that the test itself has. The deviation of joint
-//! `j` is taken for
+//! Nothing is learnt from other logs: a log is compared with the error of the test itself. The model of the deviation
+//! of joint `j` is
 //!
 //! ```text
-//! (c + c_j) coulomb_j + (v + v_j) viscous_j + what the cause adds + noise
+//! (c + c_j) coulomb_j + (v + v_j) viscous_j + torque of the cause + noise
 //! ```
 //!
-//! where `coulomb_j` and `viscous_j` are the parts of the joint's friction torque by the test's parameters. What all joints
-//! have in common, `c` and `v`, is how warm the arm was; `c_j` and `v_j` are how its joints differ in that. All are random
-//! effects with stated standard deviations ([`hypothesis`]). The noise of a joint is what the test leaves of it, or what no
-//! cause explains of the log if that is more. It counts as a fixed number of independent values, however long the log is
-//! ([`fit`]): a program repeats itself, and with it what the model does not know.
+//! Here `coulomb_j` and `viscous_j` are the parts of the joint's friction torque by the test's parameters. `c` and `v`
+//! are common to all joints and depend on the temperature of the arm; `c_j` and `v_j` are the differences between its
+//! joints. All are random effects with stated standard deviations ([`hypothesis`]). The noise of a joint is the
+//! residual of the test, or the residual of the log that no cause explains if that is more. It counts as a fixed number
+//! of independent values, however long the log is ([`fit`]): a program repeats itself, and so does the model's error.
 //!
-//! A cause adds torque along its directions ([`WorkDirection`](armwatch_model::analysis::work_evidence::WorkDirection)) with sizes of
-//! its own. A load may come with each of the others, since work carries tools. The cost of a hypothesis is the least of the
-//! weighted squares that it leaves and of its random effects, in units of chi², plus a price for each of its parameters and
-//! one for a torque signal. A cause is clear if the cost without it is higher by twice the logarithm that the rate of false
-//! alarms asks for.
+//! A cause adds torque along its directions ([`WorkDirection`](armwatch_model::analysis::work_evidence::WorkDirection))
+//! with its own sizes. A load may accompany each of the others, since production uses tools. The cost of a hypothesis
+//! is the least sum of its weighted squared residuals and of its random effects, in units of chi², plus a price per
+//! parameter and one for a torque signal. A cause is clear if the cost without it is higher by twice the logarithm that
+//! follows from the rate of false alarms.
 
 pub(super) mod cause;
 mod hypothesis;
@@ -33,9 +33,9 @@ use crate::detect::verdict::Why;
 use armwatch_model::anomaly::ProductionSummary;
 use armwatch_model::anomaly::settings::DetectSettings;
 
-/// Price of a cause that is not known: it explains anything.
+/// Price of an unknown cause: it explains anything.
 const UNKNOWN_PRICE: f64 = 150.0;
-/// Log-likelihood of a cause beyond what the rate of false alarms asks for: random effects and noise are stated.
+/// Extra log-likelihood that a cause needs, since random effects and noise are stated and not estimated.
 const MARGIN: f64 = 5.0;
 
 /// The causes of one log.
@@ -45,29 +45,29 @@ pub(super) struct LogCauses {
     least: f64,
     /// All hypotheses, the likeliest first.
     fits: Vec<Fit>,
-    /// What the joints come to under the first of them.
+    /// Residuals of the joints under the likeliest known cause.
     pub(super) joints: Vec<JointRest>,
 }
 
 impl LogCauses {
-    /// The load, where it is clear.
+    /// The load, if it is clear.
     pub(super) fn load(&self) -> Option<WorkLoad> {
         let load = self.fits.first()?.load.filter(WorkLoad::is_plain)?;
         (self.advantage_of_load() >= self.least).then_some(load)
     }
 
-    /// The likeliest cause beside a load, clear or not.
+    /// The likeliest cause in addition to a load, clear or not.
     pub(super) fn likeliest(&self) -> WorkCause {
         self.fits.first().map_or(WorkCause::None, |of| of.cause)
     }
 
-    /// What beside a load is clear.
+    /// The cause in addition to a load, if it is clear.
     pub(super) fn cause(&self) -> WorkCause {
         let Some(Fit { cause, .. }) = self.fits.first() else { return WorkCause::None };
         if cause.is_large() && self.advantage() >= self.least { *cause } else { WorkCause::None }
     }
 
-    /// How much less than without the cause beside a load is left, in units of chi².
+    /// Increase of the cost without the cause that accompanies a load, in units of chi².
     pub(super) fn advantage(&self) -> f64 {
         self.over(|fit| fit.cause == WorkCause::None)
     }
@@ -83,7 +83,7 @@ impl LogCauses {
         }
     }
 
-    /// Odds of what is found, and the likeliest explanations that were rejected.
+    /// Odds of the found cause, and the likeliest rejected explanations.
     pub(super) fn why(&self, asked: Asked) -> Why {
         odds(&self.fits, asked)
     }
@@ -120,7 +120,7 @@ fn causes_of(log: &ProductionSummary, least: f64) -> Option<LogCauses> {
     let unknown = Fit { load: None, cause: WorkCause::Unknown, cost: system.least_left() + UNKNOWN_PRICE };
     found.push((unknown, None));
     found.sort_by(|a, b| a.0.cost.total_cmp(&b.0.cost));
-    // a cause that is not known says nothing of the joints: the likeliest known one does
+    // an unknown cause has no residuals of the joints; use the likeliest known one
     let joints = found.iter().find_map(|(_, solution)| Some(system.rest(solution.as_ref()?)))?;
     Some(LogCauses { least, fits: found.into_iter().map(|(fit, _)| fit).collect(), joints })
 }

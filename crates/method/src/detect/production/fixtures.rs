@@ -1,4 +1,4 @@
-//! Histories of ordinary work made by hand.
+//! Synthetic histories of production.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -13,10 +13,10 @@ const JOINTS: usize = 4;
 /// Relative RMSD that friction does not explain in healthy logs.
 pub(super) const USUAL: f64 = 0.02;
 
-/// A log every eight hours, a test before every tenth.
+/// One log every eight hours, a test before every tenth.
 fn log(index: usize, friction: [f64; JOINTS], unexplained: [f64; JOINTS]) -> ProductionSummary {
     let joint = |j: usize| {
-        // the excess raises the deviation by as much as a third of the torque being friction gives
+        // friction is a third of the torque: the excess raises the deviation by this part
         let by_friction = friction[j] / 3.0;
         let square = unexplained[j].powi(2) + by_friction.powi(2);
         ProductionJoint {
@@ -37,7 +37,7 @@ fn log(index: usize, friction: [f64; JOINTS], unexplained: [f64; JOINTS]) -> Pro
     }
 }
 
-/// What is found with the usual settings.
+/// Anomalies found with the default settings.
 pub(super) fn detected(history: &[ProductionSummary]) -> Vec<Anomaly> {
     detect_production(history, &DetectSettings::default())
 }

@@ -1,18 +1,17 @@
-//! Drift of friction in ordinary work: a joint needs more friction than in the first logs after the last
-//! test, and the other joints do not.
+//! Drift of friction in production: a joint needs more friction than in the first logs after the last test, and the
+//! other joints do not.
 //!
-//! The quantity is the friction of a log as a multiple of the test's friction, divided by the median of this
-//! multiple over the joints that move: the warmth of the whole arm cancels. Logs with another load
-//! ([`load_change`]) are left out. The baseline is the median of the first [`LEARNING_LOGS`] logs, unless that is itself
-//! above what the logs behind earlier tests had ([`EarlierTests`]): then the median of those is, from the first log on. A
-//! log is out if the EWMA of the difference from the baseline reaches 0.15 of the test's friction, or 4 standard
-//! deviations of the EWMA if that is more. It is critical from 0.30 on ([`LIMITS`]). Less friction is never
-//! out. Section "Causes in production logs" of docs/evidence/method.md counts false alarms and logs until wear is
-//! found with these limits.
+//! The quantity is the friction of a log as a multiple of the test's friction, divided by the median of this multiple
+//! over the joints that move. The temperature of the whole arm cancels. Logs with another load ([`load_change`]) are
+//! omitted. The baseline is the median of the first [`LEARNING_LOGS`] logs. If that is above the values after earlier
+//! tests ([`EarlierTests`]), the baseline is the median of those, from the first log on. A log is out if the EWMA of
+//! the difference from the baseline reaches 0.15 of the test's friction, or 4 standard deviations of the EWMA if that
+//! is more. It is critical from 0.30 on ([`LIMITS`]). Less friction is never out. Section "Causes in production logs"
+//! of docs/evidence/method.md has the measured false alarms and the logs until wear is found with these limits.
 //!
-//! Where it is known what causes explain of a log ([`causes`](super::causes)), its friction is what is left of the
-//! deviation beside a load or a torque signal, and no log is left out. A log whose likeliest cause is friction of the joint
-//! is out from the first one on, whatever earlier logs had.
+//! If causes of a log were compared ([`causes`](super::causes)), its friction is the deviation that remains after a
+//! load or a torque signal, and no log is omitted. A log whose likeliest cause is friction of the joint is out from the
+//! first one on, whatever earlier logs had.
 
 use super::causes::cause::{LEAST_WEAR, WorkCause};
 use super::causes::odds::Asked;
@@ -26,30 +25,30 @@ use armwatch_model::analysis::ProductionJoint;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, ProductionSummary, Severity};
 
-/// Joints that must move for what is common to them to be called warmth: of three, one that wears does not
-/// move the median by more than the others differ.
+/// Fewest moving joints whose median counts as the effect of temperature: of three, one that wears moves the median by
+/// no more than the difference between the other two.
 const FEWEST_JOINTS: usize = 3;
 
-/// Friction beyond the other joints'. Tests warn at a third of it: they move all joints alike and know how
-/// warm each is.
+/// Limits of friction beyond that of the other joints. Tests warn at a third of it: they move all joints alike and
+/// correct for the temperature of each.
 const LIMITS: Limits = Limits { warning: 0.15, critical: 0.30, sigma: 4.0 };
 
-/// Friction beyond the test's and the other joints', from which on it is critical.
+/// Critical friction beyond the test's and that of the other joints.
 const WORN_CRITICAL: f64 = 0.6;
 
-/// Earlier tests with logs from which on their levels say what is usual.
+/// Fewest earlier tests with logs whose levels are used.
 const FEWEST_TESTS: usize = 3;
 
-/// Standard deviation of the level of logs from test to test before a robot's own is known, and the number of tests that
-/// know it as well: a test is made at one warmth, and the joints of an arm warm up at different rates.
+/// Standard deviation of the level of logs from test to test before a robot's own is known, and the number of tests
+/// that this prior is worth. A test has one temperature, and the joints of an arm warm up at different rates.
 const PRIOR_TEST_SPREAD: f64 = 0.05;
 const PRIOR_TESTS: f64 = 3.0;
 
-/// Smallest standard deviation from log to log that a few logs are believed to have: joints of one arm warm
-/// up at different rates, and a morning's log of a cold arm shows it.
+/// Least standard deviation from log to log that few logs are accepted to have: joints of one arm warm up at different
+/// rates, which shows in the morning's log of a cold arm.
 const MIN_SPREAD: f64 = 0.03;
 
-/// Changes from log to log that tell how much of them is usual.
+/// Most changes from log to log for the usual scatter.
 const MOST_CHANGES: usize = 250;
 
 pub(super) struct FrictionRise;
@@ -70,7 +69,7 @@ impl Detector<JointLogs<'_>> for FrictionRise {
             true => None,
             false => friction_ratio(series, log),
         };
-        // changes from log to log that were no anomaly
+        // changes from log to log without an anomaly
         let mut usual: Vec<f64> = Vec::new();
         let mut earlier = EarlierTests::default();
         for since_test in series.by_test(ratio) {
@@ -115,7 +114,7 @@ impl Detector<JointLogs<'_>> for FrictionRise {
     }
 }
 
-/// A log whose likeliest cause is friction of this joint: there is no need to know how earlier logs were.
+/// Verdict of a log whose likeliest cause is friction of this joint. It does not depend on earlier logs.
 fn worn_since_the_test(series: &JointLogs<'_>, log: usize) -> Option<Verdict> {
     let causes = series.causes[log].as_ref()?;
     let WorkCause::Friction(joint, beyond) = causes.cause() else { return None };
@@ -135,7 +134,7 @@ fn worn_since_the_test(series: &JointLogs<'_>, log: usize) -> Option<Verdict> {
     })
 }
 
-/// The latest changes, as many as say what is usual.
+/// The latest changes, [`MOST_CHANGES`] at most.
 fn latest(usual: &[f64]) -> &[f64] {
     &usual[usual.len().saturating_sub(MOST_CHANGES)..]
 }
@@ -145,17 +144,17 @@ fn spread(usual: &[f64]) -> f64 {
     robust_deviation(usual).unwrap_or(0.0).max(MIN_SPREAD)
 }
 
-/// What logs behind a test are compared with.
+/// Level with which the logs after a test are compared.
 struct Level {
     value: f64,
-    /// Whether it is that of the logs behind earlier tests.
+    /// True if it is the level of the logs after earlier tests.
     is_of_earlier: bool,
-    /// Variance of a test's level about the usual one, and of the usual one itself.
+    /// Variance of a test's level about the usual one, plus that of the usual one itself.
     of_tests: f64,
 }
 
 impl Level {
-    /// Variance beyond that of the log itself, which scatters by `spread`.
+    /// Variance in addition to that of the log itself, which has the standard deviation `spread`.
     fn variance(&self, spread: f64) -> f64 {
         match self.is_of_earlier {
             true => self.of_tests,
@@ -164,13 +163,14 @@ impl Level {
     }
 }
 
-/// Levels of the logs behind the tests so far, as multiples of each test's friction: how the work of a healthy joint
-/// compares with a test, and how well a test knows it. A test after wear takes it in, so that the level stays.
+/// Levels of the logs after each test so far, as multiples of that test's friction. They show how the friction of a
+/// healthy joint in production compares with a test, and how exactly a test determines it. A test after wear contains
+/// the wear, so the level stays.
 #[derive(Default)]
 struct EarlierTests(Vec<f64>);
 
 impl EarlierTests {
-    /// What the logs behind the next test are compared with, of which the first have the level `own`.
+    /// The level for the logs after the next test; the first of these logs have the level `own`.
     fn level(&mut self, own: f64, spread: f64) -> Level {
         let of_own = Level { value: own, is_of_earlier: false, of_tests: 0.0 };
         let (count, known) = (self.0.len() as f64, median(&self.0));
@@ -203,10 +203,10 @@ fn message(change: f64, level: &Level, log: &ProductionSummary) -> String {
     )
 }
 
-/// Friction of a log as a multiple of the test's, over that of the other joints: what all joints have in
-/// common is how warm the arm was. `None` where the joint does not move.
+/// Friction of a log as a multiple of the test's, divided by that of the other joints: the common part is the effect of
+/// temperature. `None` if the joint does not move.
 fn friction_ratio(series: &JointLogs<'_>, log: usize) -> Option<f64> {
-    // beside what a load or a torque signal explains, where that is known
+    // without the part that a load or a torque signal explains, if that is known
     let rest = |of: &ProductionJoint| {
         let causes = series.causes[log].as_ref()?;
         causes.joints.iter().find(|rest| rest.joint == of.joint).map(|rest| rest.friction)

@@ -1,11 +1,12 @@
-//! Another load in ordinary work: a part of the torque appears that neither the test nor friction explains. Only of logs
-//! that were stored before causes were compared ([`causes`](super::causes)); of the others, a load is one of the causes.
+//! Another load in production: a part of the torque appears that neither the test nor friction explains. Only for logs
+//! that were stored before causes were compared ([`causes`](super::causes)); for later logs, a load is one of the
+//! causes.
 //!
-//! The quantity is the relative RMSD of a log that friction does not explain, a fraction of the torque. The
-//! baseline is the median of the first [`LEARNING_LOGS`] logs after the last test. A log is out from 1.5
-//! times the baseline on ([`LOAD_RATIO`]), and from 0.02 above the baseline at least ([`LOAD_CHANGE`]). It is
-//! never more than worth knowing (`info`), since another tool or program has the same effect. Section
-//! "Causes in production logs" of docs/evidence/method.md counts the loads that were found with these limits.
+//! The quantity is the relative RMSD of a log that friction does not explain, a fraction of the torque. The baseline is
+//! the median of the first [`LEARNING_LOGS`] logs after the last test. A log is out from 1.5 times the baseline on
+//! ([`LOAD_RATIO`]), and from 0.02 above the baseline at least ([`LOAD_CHANGE`]). Its severity is always `info`, since
+//! another tool or program has the same effect. Section "Causes in production logs" of docs/evidence/method.md counts
+//! the loads that were found with these limits.
 
 use super::causes::LogCauses;
 use super::series::{JointLogs, LEARNING_LOGS, unexplained};
@@ -14,8 +15,8 @@ use crate::detect::verdict::{Verdict, Why};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Deviation that friction does not explain, against its usual, that is another load: as a ratio, and as a
-/// part of the torque, below which a good fit only wobbles.
+/// Limits of the deviation that friction does not explain: ratio to the baseline, and least difference as a part of the
+/// torque, since a good fit varies by less than that.
 const LOAD_RATIO: f64 = 1.5;
 const LOAD_CHANGE: f64 = 0.02;
 
@@ -31,7 +32,7 @@ impl Detector<JointLogs<'_>> for LoadChange {
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {
-        // where causes are known, a load is one of them
+        // if causes are known, a load is one of them
         let known = |of: &Option<LogCauses>| if of.is_some() { Verdict::Quiet } else { Verdict::Unknown };
         let mut verdicts: Vec<Verdict> = series.causes.iter().map(known).collect();
         let part = |log: usize| series.of(log).filter(|_| series.causes[log].is_none()).map(unexplained);
@@ -68,7 +69,7 @@ fn message(part: f64, level: f64) -> String {
     )
 }
 
-/// Whether each log has another load than the first logs after its test: its friction says nothing then.
+/// For each log, true if it has another load than the first logs after its test; its friction is meaningless then.
 pub(super) fn with_other_load(series: &JointLogs<'_>) -> Vec<bool> {
     LoadChange.judge(series).iter().map(|verdict| matches!(verdict, Verdict::Out { .. })).collect()
 }

@@ -1,12 +1,12 @@
-//! Inaccuracy in ordinary work: the torque of a log is far from what the last test leads to expect.
+//! Inaccuracy in production: the torque of a log is far from the prediction of the last test.
 //!
-//! The quantity is the relative RMSD of a log against the parameters of the test, a fraction of the torque,
-//! and the part of it that friction does not explain. The limits are absolute and hold from the first log on.
-//! A log is out from 0.5 on ([`OFF`]) or, of the unexplained part, from 0.25 on ([`OFF_UNEXPLAINED`]). Both
-//! limits rise with the test's own relative RMSD, to 8 times ([`OFF_RATIO`]) and 4 times it
-//! ([`OFF_UNEXPLAINED_RATIO`]). A log is only worth knowing (`info`) below 1.0, and a warning from there on
-//! ([`OFF_WARNING`]). If causes of the deviation of a log were compared, both are the rest that the likeliest cause
-//! leaves. Section "Alarms between tests" of docs/exports.md gives the reasons.
+//! The quantities are the relative RMSD of a log against the parameters of the test, a fraction of the torque, and the
+//! part of it that friction does not explain. The limits are absolute and hold from the first log on. A log is out from
+//! 0.5 on ([`OFF`]) or, for the unexplained part, from 0.25 on ([`OFF_UNEXPLAINED`]). Both limits rise with the test's
+//! own relative RMSD, to 8 times ([`OFF_RATIO`]) and 4 times it ([`OFF_UNEXPLAINED_RATIO`]). Below 1.0 the severity is
+//! `info`, from there on it is a warning ([`OFF_WARNING`]). If causes of the deviation of a log were compared, both
+//! quantities are the residual of the likeliest cause. Section "Alarms between tests" of docs/exports.md gives the
+//! reasons.
 
 use super::causes::cause::WorkCause;
 use super::causes::odds::Asked;
@@ -17,21 +17,21 @@ use armwatch_model::analysis::ProductionJoint;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Deviation from the test, as a part of the torque, that is said from the first log on: what friction does
-/// not explain, and all of it. Cold gearboxes need half as much friction again, which is less than a third of
-/// the torque.
+/// Least deviation from the test, as a part of the torque, that is reported from the first log on: the part that
+/// friction does not explain, and all of it. Cold gearboxes need half as much friction again, which is less than a
+/// third of the torque.
 const OFF_UNEXPLAINED: f64 = 0.25;
 const OFF: f64 = 0.5;
 
-/// The same as multiples of the test's own error: a test that explains its own torque badly explains other
+/// The same limits as multiples of the test's own error: a test that explains its own torque badly explains other
 /// motion worse.
 const OFF_UNEXPLAINED_RATIO: f64 = 4.0;
 const OFF_RATIO: f64 = 8.0;
 
-/// From here on no torque at all would be the better estimate; no load that is only carried along does that.
+/// Limit of a warning: zero torque would be a better estimate. A load that is only carried along does not reach it.
 const OFF_WARNING: f64 = 1.0;
 
-/// What to do where friction explains a deviation.
+/// Remedy if friction explains a deviation.
 const FRICTION: &str = "friction: check lubrication, gearbox and brake";
 
 pub(super) struct TestDeviation;
@@ -50,7 +50,7 @@ impl Detector<JointLogs<'_>> for TestDeviation {
             let of = series.of(log);
             of.map_or(Verdict::Unknown, |of| match (series.rest(log), series.causes[log].as_ref()) {
                 (Some(rest), Some(causes)) => {
-                    // what is left is no cause that was compared
+                    // the residual is no compared cause
                     let why = Why { odds: None, ..causes.why(Asked::Cause) };
                     against_the_test(of, rest.with_friction, rest.left, Some(causes.likeliest()), why)
                 }
@@ -61,8 +61,8 @@ impl Detector<JointLogs<'_>> for TestDeviation {
     }
 }
 
-/// `all` and `part` are what the test leaves of the torque, with and without what friction explains; `likeliest` is the
-/// cause that explains most, where causes were compared.
+/// Verdict from the residuals of the test: `part` without the torque that friction explains, `all` with it. `likeliest`
+/// is the cause that explains most, if causes were compared.
 fn against_the_test(
     of: &ProductionJoint,
     all: f64,
@@ -80,7 +80,7 @@ fn against_the_test(
         _ if part >= of_part => {
             "a load or tool that the test did not carry, a contact, or a torque signal that is off".to_owned()
         }
-        // warmth is friction too
+        // the effect of temperature is friction too
         None | Some(WorkCause::None) => FRICTION.to_owned(),
         Some(WorkCause::Friction(joint, _)) if joint == of.joint => FRICTION.to_owned(),
         Some(other) => format!("{} explains most of it", other.words()),
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn the_first_logs_after_a_test_are_held_against_the_test() {
-        // joint 2 is off from the first log on: learning its level must not make that normal
+        // joint 2 is off from the first log on: its level must not be learnt as normal
         for (off, severity) in [(0.3, Severity::Info), (1.15, Severity::Warning)] {
             let logs = history(12, |i, j| (wobble(i, j), if j == 1 && i < 12 { off } else { USUAL }));
             let found = detected(&logs);
@@ -145,7 +145,7 @@ mod tests {
             );
             assert!(anomaly.message.contains("the test itself leaves 1.5 %"), "{}", anomaly.message);
         }
-        // a test that explains its own torque badly says less
+        // limits are higher after a test that explains its own torque badly
         let mut poor = history(12, |i, j| (wobble(i, j), if j == 1 { 0.3 } else { USUAL }));
         poor.iter_mut().flat_map(|log| &mut log.joints).for_each(|of| of.test_relative_rmsd = Some(0.12));
         assert_eq!(detected(&poor), vec![]);

@@ -1,4 +1,4 @@
-//! All detectors of ordinary work together, on histories made by hand.
+//! All detectors of production together, on synthetic histories.
 
 use super::fixtures::{USUAL, detected, history, wobble};
 use super::*;
@@ -6,7 +6,7 @@ use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 #[test]
 fn healthy_work_raises_nothing_however_warm_the_arm_is() {
-    // the first log of each day is cold: a third more friction in all joints, a little unlike each other
+    // the first log of each day is cold: a third more friction in all joints, with small differences
     let warmth = |i: usize, j: usize| if i.is_multiple_of(3) { 0.33 + 0.01 * j as f64 } else { 0.0 };
     let found = detected(&history(60, |i, j| (warmth(i, j) + wobble(i, j), USUAL)));
     assert_eq!(found, vec![]);
@@ -21,10 +21,10 @@ fn a_short_history_and_one_odd_log_say_nothing() {
 
 #[test]
 fn cold_work_and_a_lasting_load_are_no_warning() {
-    // half as much friction again in all joints, cold, is a sixth of the torque
+    // half as much friction again in all joints, because of cold, is a sixth of the torque
     let cold = detected(&history(10, |i, j| (0.5 + wobble(i, j), USUAL)));
     assert_eq!(cold, vec![]);
-    // a tool that the test did not carry is said once, and friction is watched all the same
+    // a tool that the test did not carry is reported once, and friction is still checked
     let worn = |i: usize, j: usize| if j == 2 && i >= 6 { 0.4 } else { wobble(i, j) };
     let found = detected(&history(10, |i, j| (worn(i, j), if j == 2 { 0.4 } else { USUAL })));
     let kinds: Vec<_> =
@@ -35,7 +35,7 @@ fn cold_work_and_a_lasting_load_are_no_warning() {
 
 #[test]
 fn no_two_detectors_give_the_same_anomaly() {
-    // the store recognises an anomaly by kind and quantity, and by joint and first log
+    // the store identifies an anomaly by kind and quantity, and by joint and first log
     let history = history(6, |_, _| (0.0, USUAL));
     let causes = vec![None; history.len()];
     let series = JointLogs { history: &history, causes: &causes, joint: JointIndex::new(0) };

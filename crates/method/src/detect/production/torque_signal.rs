@@ -1,8 +1,8 @@
-//! A torque signal that reads wrong in ordinary work (`sensor`): a gain or an offset of one joint's torque explains what a
-//! log leaves of the torque that the test leads to expect.
+//! Wrong torque signal in production (`sensor`): a gain or an offset of one joint's torque explains the torque that the
+//! test does not predict.
 //!
-//! A log that shows it alone is worth knowing; a second one in a row, or an advantage of [`PLAIN`] over no cause, makes it a
-//! warning. An offset is looked for where the friction law of the description has a column for it.
+//! A single log that shows it has the severity `info`. A second log in succession, or an advantage of [`PLAIN`] over no
+//! cause, makes it a warning. Offsets are only considered if the friction law of the description has a column for them.
 
 use super::causes::cause::{LEAST_GAIN, WorkCause};
 use super::causes::odds::Asked;
@@ -12,7 +12,7 @@ use crate::detect::verdict::{Verdict, Why};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Advantage over no cause, in units of chi², that no second log has to confirm.
+/// Advantage over no cause, in units of chi², that needs no second log as confirmation.
 const PLAIN: f64 = 1000.0;
 
 pub(super) struct TorqueSignal;

@@ -7,11 +7,11 @@ use armwatch_model::anomaly::ProductionSummary;
 use armwatch_model::anomaly::settled::Moment;
 use armwatch_model::robot::JointIndex;
 
-/// Tests before the logs that lead in whose logs say what is usual: of levels, a median and a scatter. Half of them are the first
-/// ones, so that what has been high for long does not become usual.
+/// Tests before the lead-in whose logs determine median and scatter of the levels. Half of them are the first ones, so
+/// that a long-lasting rise does not become usual.
 const TESTS: usize = 24;
 
-/// A log: what it comes to against each of its tests, one at least.
+/// A log with its comparison with each of its tests, at least one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WorkLog<'a>(&'a [ProductionSummary]);
 
@@ -34,7 +34,8 @@ impl Windowed for WorkLog<'_> {
         true
     }
 
-    /// The first `count` logs of each joint behind each of the first and of the latest tests: levels stand on them.
+    /// The first `count` logs of each joint after each of the first and of the latest tests: levels are computed from
+    /// them.
     fn heads(window: &[Self], until: usize, count: usize) -> BTreeSet<usize> {
         let mut by_test: BTreeMap<i64, BTreeMap<JointIndex, Vec<usize>>> = BTreeMap::new();
         let mut tests = Vec::new();

@@ -1,8 +1,8 @@
-//! A load in ordinary work that the test did not carry (`payload`): a body at the last link explains what a log leaves of
-//! the torque that the test leads to expect.
+//! Load in production that the test did not carry (`payload`): a body at the last link explains the torque that the
+//! test does not predict.
 //!
-//! The quantity is its mass in kg, compared with the test. It is worth knowing (`info`) and no warning: work carries tools
-//! and workpieces that a test does not, and descriptions do not say which load an arm may carry.
+//! The quantity is its mass in kg, compared with the test. The severity is `info`: production uses tools and workpieces
+//! that a test does not, and descriptions do not contain the permitted load of an arm.
 
 use jiff::Timestamp;
 

@@ -1,7 +1,7 @@
-//! Run lengths of an exponentially weighted moving average, and the limit that follows from one.
+//! Run lengths of an exponentially weighted moving average, and the limit for a given run length.
 //!
-//! The average `z_k = w x_k + (1 - w) z_(k-1)` of independent normal values of variance one begins at 0 and alarms outside
-//! of `-h` to `h`. The mean number of values from an average of `u` until the alarm solves (Crowder 1987)
+//! The average `z_k = w x_k + (1 - w) z_(k-1)` of independent normal values of variance one begins at 0 and alarms
+//! outside `-h` to `h`. The mean number of values from an average of `u` until the alarm solves (Crowder 1987)
 //!
 //! ```text
 //! L(u) = 1 + 1/w integral_-h^h L(y) phi((y - (1 - w) u) / w - d) dy
@@ -17,15 +17,15 @@ use crate::statistics::distributions::normal_quantile;
 
 /// Fewest nodes: run lengths of 1e6 are then exact to 1e-6 with the weight 0.4.
 const FEWEST_NODES: usize = 24;
-/// Most nodes. Wider charts are so wide that noise hardly moves their delay.
+/// Most nodes. In charts that need more, noise hardly changes the delay.
 const MOST_NODES: usize = 160;
 /// Nodes for each width `w` of the density.
 const NODES_PER_WIDTH: f64 = 1.5;
-/// Run lengths beyond this are infinite: a test a minute for two thousand years.
+/// Run lengths beyond this are infinite: one test per minute for two thousand years.
 const LONGEST: f64 = 1e9;
 
 /// Mean number of values until the average of `weight` (above 0, below 1) leaves `-half_width` to `half_width`, in
-/// standard deviations of a value, whose mean is `mean`. Infinite where that is beyond 1e9.
+/// standard deviations of a value, for values with the mean `mean`. Infinite beyond 1e9.
 #[must_use]
 pub fn mean_run_length(weight: f64, half_width: f64, mean: f64) -> f64 {
     let wanted = (2.0 * NODES_PER_WIDTH * half_width / weight).ceil();
@@ -46,7 +46,7 @@ pub fn mean_run_length(weight: f64, half_width: f64, mean: f64) -> f64 {
     if (1.0..LONGEST).contains(&length) { length } else { f64::INFINITY }
 }
 
-/// The same without noise, for wide charts.
+/// Mean run length without noise, for wide charts.
 fn without_noise(weight: f64, half_width: f64, mean: f64) -> f64 {
     if half_width <= 0.0 {
         return 1.0;
@@ -64,7 +64,8 @@ pub fn limit(weight: f64, run_length: f64) -> f64 {
     let steady = (weight / (2.0 - weight)).sqrt();
     let asked = run_length.clamp(2.0, 0.1 * LONGEST).ln();
     let of = |limit: f64| mean_run_length(weight, limit * steady, 0.0).ln() - asked;
-    // a chart of independent averages has a lower limit for the same run length than one of single values: secant from both
+    // for the same run length, a chart of independent averages has a lower limit than a chart of single values: secant
+    // from both
     let start = normal_quantile(1.0 - 0.5 / run_length.clamp(2.0, 0.1 * LONGEST));
     let (mut below, mut above) = (0.5 * start, start + 0.5);
     let (mut at_below, mut at_above) = (of(below), of(above));

@@ -1,13 +1,14 @@
-//! The one rate of false alarms, shared among all that is watched.
+//! Division of the one rate of false alarms among all checked quantities.
 //!
-//! A robot of `n` joints has `C = 7 n + 3` channels: of each joint the level of friction, a step inside a test, scatter,
-//! the warm-up, the swing and the size of the RMSD, and the torque signal; of the arm a load, other changes of its
-//! parameters and a contact. With `T` tests a year and the rate `r`, each test and channel has the probability `alpha = r / (C T)`. Over
-//! channels that are looked at once a test these add up to the rate whatever depends on whatever (Bonferroni); what goes together
-//! makes the rate lower. A channel that is looked at in several ways may spend up to as many times its share: the level (its
-//! average and a steady rise), the warm-up (one test, a sum over tests, a jump; the same of what all joints share), parameters of
-//! the arm (one test and means of up to eight). Limits that are fixed, as of an oscillation, spend what they spend. Logs of ordinary work have a budget of their own.
-//! `armwatch evaluate` measures what comes of it.
+//! A robot of `n` joints has `C = 7 n + 3` channels. Per joint: the level of friction, a step inside a test, scatter,
+//! the warm-up, the swing and the size of the RMSD, and the torque signal. For the arm: a load, other changes of its
+//! parameters, and a contact. Each test and channel has the probability `alpha = r / (C T)`, with `T` tests per year
+//! and the rate `r`. If every channel is checked once per test, these add up to the rate under any dependence
+//! (Bonferroni); positive dependence makes the rate lower. A channel that is checked in several ways may spend a
+//! multiple of its share: the level (its average and a steady rise), the warm-up (one test, a sum over tests, a jump;
+//! the same for the part common to all joints), and the parameters of the arm (one test and means of up to eight).
+//! Fixed limits, such as that of an oscillation, are outside the budget. Production logs have a separate budget.
+//! `armwatch evaluate` measures the resulting rate.
 
 use jiff::Timestamp;
 
@@ -21,23 +22,23 @@ const CHANNELS_OF_JOINT: usize = 7;
 /// Channels of the arm.
 const CHANNELS_OF_ARM: usize = 3;
 
-/// Intervals between tests that the usual one is taken from: the latest ones, so that a changed habit is learnt.
+/// Intervals between tests whose median is the usual one: the latest ones, so that a changed habit is learnt.
 const INTERVALS: usize = 20;
-/// Fewest intervals that are a habit.
+/// Fewest intervals for a usual one.
 const FEWEST_INTERVALS: usize = 3;
 
-/// Degrees of freedom from which on Student's distribution is taken for the normal one.
+/// Least degrees of freedom for the normal distribution in place of Student's.
 const NEARLY_NORMAL: f64 = 300.0;
 
 const SECONDS_PER_YEAR: f64 = 365.25 * 86_400.0;
-/// Tests of a robot whose habit is not known: daily ones.
+/// Tests per year of a robot with too few intervals: daily ones.
 const USUAL_TESTS_PER_YEAR: f64 = 365.25;
-/// Most tests a year that a budget is shared among: one every ten minutes.
+/// Most tests per year among which a budget is divided: one every ten minutes.
 const MOST_TESTS_PER_YEAR: f64 = 52_600.0;
 
-/// What a comparison of causes must know beyond chance, in units of log-likelihood: its model of the noise is not exact.
-/// A factor of twenty on the likelihood covers a standard deviation that is taken for a tenth too small where five
-/// standard deviations decide: `5² / 2 (1 - 0.9²) = 2.4`.
+/// Log-likelihood that a comparison of causes needs beyond chance, since its model of the noise is not exact. A factor
+/// of twenty on the likelihood covers a standard deviation that is assumed a tenth too small at five standard
+/// deviations: `5² / 2 (1 - 0.9²) = 2.4`.
 pub(crate) const MODEL_MARGIN: f64 = 3.0;
 
 /// Usual interval between tests, s: the median of the latest. `None` with too few of them.
@@ -53,12 +54,12 @@ pub(crate) fn usual_interval(starts: &[Timestamp]) -> Option<f64> {
     median(&intervals).filter(|_| intervals.len() >= FEWEST_INTERVALS)
 }
 
-/// What one channel may spend.
+/// Share of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget {
-    /// False alarms of the robot and year that were asked for.
+    /// Set rate of false alarms per robot and year.
     pub per_robot_year: f64,
-    /// Tests a year, at the robot's own use.
+    /// Tests per year of this robot.
     pub tests_per_year: f64,
     /// Channels that share the rate.
     pub channels: usize,
@@ -66,7 +67,7 @@ pub struct Budget {
 
 impl Budget {
     /// The budget of a robot of `joints` joints with tests at these times, oldest first. A robot with fewer than four
-    /// tests is taken to be tested daily.
+    /// tests counts as tested daily.
     #[must_use]
     pub fn new(per_robot_year: f64, joints: usize, starts: &[Timestamp]) -> Self {
         let used = usual_interval(starts).map_or(USUAL_TESTS_PER_YEAR, |seconds| SECONDS_PER_YEAR / seconds);
@@ -77,7 +78,7 @@ impl Budget {
         }
     }
 
-    /// Probability of a false alarm that each test has in each channel.
+    /// Probability of a false alarm per test and channel.
     #[must_use]
     pub fn alpha(&self) -> f64 {
         (self.per_robot_year / (self.tests_per_year * self.channels as f64)).clamp(1e-12, 0.5)
@@ -90,11 +91,11 @@ impl Budget {
     }
 }
 
-/// Standard deviations that a value exceeds with this probability by chance, where its standard deviation stands on
-/// `freedom` values.
+/// Standard deviations that a value exceeds by chance with this probability, if its standard deviation is estimated
+/// from `freedom` values.
 #[must_use]
 pub(crate) fn beyond_chance(probability: f64, freedom: f64) -> f64 {
-    // far out the search for Student's quantile needs a probability that is not too small
+    // far out, the search for Student's quantile needs a probability that is not too small
     let probability = probability.clamp(1e-12, 0.5);
     if freedom < NEARLY_NORMAL {
         -student_quantile(probability, freedom)
@@ -103,9 +104,9 @@ pub(crate) fn beyond_chance(probability: f64, freedom: f64) -> f64 {
     }
 }
 
-/// Log-likelihood by which a cause of what one test shows must exceed that of no change: `ln(1 / alpha)`, by which chance
-/// alone exceeds it with the probability `alpha` at most (Ville 1939), and a margin of 3 for the model of the noise.
-/// `history` are the robot's tests until then, oldest first.
+/// Least log-likelihood of a cause over no change, in one test: `ln(1 / alpha)`, which chance alone exceeds with the
+/// probability `alpha` at most (Ville 1939), plus a margin of 3 for the model of the noise. `history` has the robot's
+/// tests until then, oldest first.
 #[must_use]
 pub(crate) fn advantage(settings: &DetectSettings, history: &[RunSummary]) -> f64 {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
@@ -131,7 +132,7 @@ mod tests {
             assert!((sum - 1.5).abs() < 1e-9, "{budget:?}");
         }
         assert!((Budget::new(1.0, 6, &starts(30, 168)).tests_per_year - 52.18).abs() < 0.01);
-        // too few tests for a habit
+        // too few tests for a usual interval
         assert!((Budget::new(1.0, 6, &starts(3, 1)).tests_per_year - 365.25).abs() < 1e-9);
     }
 

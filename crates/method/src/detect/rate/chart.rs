@@ -1,24 +1,25 @@
-//! A sequential chart of one series: whether its level has shifted, by whatever size and to whichever side.
+//! A sequential chart of one series: detects a shift of its level of any size, to either side.
 //!
 //! For each shift `m` of a grid and each side, `L = exp(m z - m² / 2)` is the likelihood ratio of a value `z` that is
-//! standard normal without a shift. The Shiryaev-Roberts statistic sums the likelihood ratios of all moments at which the
-//! shift may have come, `R_k = L_k (1 + R_(k-1))`, and the chart follows the mean of `R` over the grid with
-//! `WEIGHTS`. `R_k - k` is a martingale without a shift. So the mean number of values until the mean of `R` reaches `A`
-//! is `A` at least: this holds for every sequence of numbers in place of `L` whose expectation is at most one, given the
-//! past (e-detectors: Shin, Ramdas, Rinaldo 2022). For normal values the statistic jumps over `A`, and the
-//! mean is `A / sum w v(m)` with `overshoot_factor` (Pollak 1987).
+//! standard normal without a shift. The Shiryaev-Roberts statistic sums the likelihood ratios of all possible moments
+//! of the shift, `R_k = L_k (1 + R_(k-1))`, and the chart follows the mean of `R` over the grid with `WEIGHTS`.
+//! `R_k - k` is a martingale without a shift. So the mean number of values until the mean of `R` reaches `A` is at
+//! least `A`. This holds for every sequence of numbers in place of `L` whose expectation is at most one, given the past
+//! (e-detectors: Shin, Ramdas, Rinaldo 2022). For normal values the statistic jumps over `A`, and the mean is
+//! `A / sum w v(m)` with `overshoot_factor` (Pollak 1987).
 
 use super::overshoot::overshoot_factor;
 
 /// Shifts, in standard deviations of a value.
 pub(crate) const SHIFTS: [f64; 4] = [0.5, 1.0, 2.0, 3.2];
 
-/// Their weights. A weight `w` adds `-2 ln(w) / m²` values to the delay of a shift of `m` standard deviations. A value more is
-/// much against the two that a large shift takes, and little against the twenty of a small one, so nearly all weight is with the
-/// largest: shifts of 1, 2 and 3 stay within 1.25 times [`lorden_delay`] at a run length of 22,000.
+/// Their weights. A weight `w` adds `-2 ln(w) / m²` values to the delay of a shift of `m` standard deviations. One
+/// more value is much compared with the two that a large shift takes, and little compared with the twenty of a small
+/// one. So nearly all weight is with the largest: shifts of 1, 2 and 3 stay within 1.25 times [`lorden_delay`] at a run
+/// length of 22,000.
 const WEIGHTS: [f64; 4] = [0.01, 0.05, 0.12, 0.82];
 
-/// Values further out count as this far out, in standard deviations, so that nothing overflows.
+/// Values further out count as this far out, in standard deviations, to prevent overflow.
 const FURTHEST: f64 = 30.0;
 
 /// Statistics of a series, for shifts to both sides.
@@ -54,14 +55,14 @@ impl SequentialChart {
     }
 }
 
-/// Logarithm of the statistic at which an alarm comes, for a mean of `run_length` values (1 or more) between false
-/// alarms. The mean is at least this, whatever the evidence.
+/// Logarithm of the statistic that raises an alarm, for a mean of `run_length` values (1 or more) between false alarms.
+/// The mean is at least this, whatever the evidence.
 #[must_use]
 pub(crate) fn sure_limit(run_length: f64) -> f64 {
     run_length.max(1.0).ln()
 }
 
-/// As [`sure_limit`], where values are standard normal without a shift: the mean is this.
+/// Like [`sure_limit`] for values that are standard normal without a shift: the mean equals `run_length`.
 #[must_use]
 pub(crate) fn normal_limit(run_length: f64) -> f64 {
     let jumped: f64 =
@@ -69,8 +70,8 @@ pub(crate) fn normal_limit(run_length: f64) -> f64 {
     run_length.max(1.0).ln() + jumped.ln()
 }
 
-/// Least delay that any chart with this mean run length can have asymptotically, in values: `ln(run_length) / (d² / 2)`
-/// for a shift of `shift` standard deviations (Lorden 1971).
+/// Least delay that any chart with this mean run length can have asymptotically, in values:
+/// `ln(run_length) / (d² / 2)` for a shift of `shift` standard deviations (Lorden 1971).
 #[must_use]
 pub fn lorden_delay(run_length: f64, shift: f64) -> f64 {
     2.0 * run_length.ln() / (shift * shift)

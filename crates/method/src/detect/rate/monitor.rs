@@ -1,10 +1,10 @@
-//! One series under watch: evidence, statistic and limit, by what is known of the series.
+//! Monitor of one series: evidence, statistic and limit, by how much is known about the series.
 //!
 //! | phase | evidence | limit | mean number of values between false alarms |
 //! |---|---|---|---|
-//! | no history | ranks | without a distribution | at least the one asked for, if the values may stand in any order |
-//! | short | whitened scores | without the overshoot | at least the one asked for, if the values follow the model of [`super::whitening`] |
-//! | own | whitened scores | with the overshoot | the one asked for with normal values; more with heavy tails |
+//! | no history | ranks | without a distribution | at least the set one, if all orders are equally likely |
+//! | short | whitened scores | without the overshoot | at least the set one, if values follow [`super::whitening`] |
+//! | own | whitened scores | with the overshoot | the set one with normal values; more with heavy tails |
 
 use std::collections::VecDeque;
 
@@ -12,22 +12,22 @@ use super::chart::{SequentialChart, normal_limit, sure_limit};
 use super::ranks::Ranks;
 use super::whitening::{Prior, Whitener};
 
-/// Fewest values, own ones and those that the prior is worth, that a series is whitened with.
+/// Fewest values for whitening: the series' own plus the worth of the prior.
 const WHITENED_FROM: f64 = 8.0;
-/// Fewest own values that a limit without margin stands on.
+/// Fewest own values for a limit without margin.
 pub const OWN_FROM: usize = 40;
 
-/// Values that wait before they are learnt, at most, in a series without memory. A large shift would else be learnt, and be
-/// taken for heavy tails, before it is found. In a series with memory, estimates that are behind leave errors that
-/// remember each other, so that fewer may wait.
+/// Most values that wait before they are learnt, in a series without memory. Otherwise a large shift would be learnt,
+/// and count as heavy tails, before it is found. In a series with memory, outdated estimates leave correlated errors,
+/// so fewer may wait.
 const MOST_WAITING: f64 = 6.0;
-/// Values for each that waits: estimates need most of what there is.
+/// Learnt values per waiting one: estimates need most of the values.
 const WAITING_SHARE: f64 = 40.0;
 
-/// What is known of a series.
+/// Amount of knowledge about a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// Next to nothing.
+    /// Almost none.
     NoHistory,
     /// A prior, or few values.
     Short,
@@ -36,7 +36,7 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// Name for people and in JSON.
+    /// Name for users and in JSON.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -47,18 +47,18 @@ impl Phase {
     }
 }
 
-/// What a value has added.
+/// Result of one value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// Whether the statistic has reached its limit. It begins anew then.
+    /// True if the statistic has reached its limit. The chart restarts then.
     pub is_out: bool,
     /// Score of the value, in standard deviations.
     pub score: f64,
-    /// What the limit stood on.
+    /// Knowledge that the limit is based on.
     pub phase: Phase,
 }
 
-/// A series and its chart. All values are learnt, a while after they came.
+/// A series and its chart. All values are learnt, with a delay.
 #[derive(Debug, Clone)]
 pub struct Monitor {
     whitener: Whitener,
@@ -73,7 +73,7 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Before the first value; `run_length` is the mean number of values between false alarms.
+    /// A monitor before its first value; `run_length` is the mean number of values between false alarms.
     #[must_use]
     pub fn new(prior: Prior, run_length: f64) -> Self {
         Self {
@@ -89,7 +89,7 @@ impl Monitor {
         }
     }
 
-    /// What is known of the series before its next value.
+    /// Knowledge about the series before its next value.
     #[must_use]
     pub fn phase(&self) -> Phase {
         if self.count >= OWN_FROM {
@@ -101,7 +101,7 @@ impl Monitor {
         }
     }
 
-    /// Takes a value with its standard error, which is 0 where it is not known.
+    /// Adds a value with its standard error, 0 if unknown.
     pub fn add(&mut self, value: f64, std_error: f64) -> Reading {
         let phase = self.phase();
         let score = self.whitener.score(self.previous, value, std_error);
@@ -130,7 +130,7 @@ impl Monitor {
         Reading { is_out, score, phase }
     }
 
-    /// Lets the chart forget what it has, without forgetting what the series is like.
+    /// Restarts the chart and keeps the estimates of the series.
     pub fn restart(&mut self) {
         self.chart.restart();
     }

@@ -1,29 +1,29 @@
-//! Evidence for a shift from ranks alone, without any assumption on the distribution.
+//! Evidence for a shift from ranks alone, without assumptions about the distribution.
 //!
-//! If the values of a series may stand in any order with the same probability, the rank of the newest one among all `n`
-//! until now is uniform, and independent of the earlier ranks (Barndorff-Nielsen 1963). Normal scores
-//! `s_r = Phi^-1((r - 1/2) / n)` of the ranks give evidence like that of normal values,
-//! `exp(m s_r) / mean_j exp(m s_j)`, whose expectation is one exactly.
+//! If all orders of the values of a series are equally likely, the rank of the newest one among all `n` until now is
+//! uniform, and independent of the earlier ranks (Barndorff-Nielsen 1963). Normal scores `s_r = Phi^-1((r - 1/2) / n)`
+//! of the ranks give evidence like that of normal values, `exp(m s_r) / mean_j exp(m s_j)`, whose expectation is one
+//! exactly.
 
 use crate::statistics::distributions::normal_quantile;
 
 /// Ranks of the values of a series.
 #[derive(Debug, Clone, Default)]
 pub struct Ranks {
-    /// Rising.
+    /// Values in ascending order.
     sorted: Vec<f64>,
 }
 
-/// Where a value stands among all of a series until it.
+/// Rank of a value among all values of a series so far.
 #[derive(Debug, Clone)]
 pub struct Standing {
     scores: Vec<f64>,
-    /// Places that it shares with its equals.
+    /// Places that it shares with equal values.
     places: std::ops::Range<usize>,
 }
 
 impl Ranks {
-    /// Takes a value and says where it stands.
+    /// Adds a value and returns its rank.
     pub fn add(&mut self, value: f64) -> Standing {
         let first = self.sorted.partition_point(|of| of.total_cmp(&value).is_lt());
         let equals = self.sorted[first..].iter().take_while(|of| of.total_cmp(&value).is_eq()).count();

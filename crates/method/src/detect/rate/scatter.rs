@@ -1,4 +1,4 @@
-//! How far averages of a series lie from its level by chance.
+//! Scatter of averages of a series about its level by chance.
 
 use super::whitening::Likeness;
 use crate::statistics::distributions::{normal_probability, student_quantile};
@@ -10,7 +10,7 @@ impl Likeness {
         self.scale * self.scale / (1.0 - self.correlation * self.correlation)
     }
 
-    /// By how much the autocorrelation enlarges the steady variance of a moving average of `weight`:
+    /// Factor of the autocorrelation on the steady variance of a moving average of `weight`:
     /// `(1 + f (1 - w)) / (1 - f (1 - w))` (Schmid 1997).
     #[must_use]
     pub fn average_inflation(&self, weight: f64) -> f64 {
@@ -18,7 +18,7 @@ impl Likeness {
         (1.0 + kept) / (1.0 - kept)
     }
 
-    /// By how much it enlarges the variance of a mean of `count` values, at most `count` times:
+    /// Factor of the autocorrelation on the variance of a mean of `count` values, at most `count`:
     /// `1 + 2 sum_k (1 - k / n) f^k`.
     #[must_use]
     pub fn mean_inflation(&self, count: usize) -> f64 {
@@ -28,8 +28,8 @@ impl Likeness {
         1.0 + (1..count).zip(powers).map(term).sum::<f64>()
     }
 
-    /// Limit in standard deviations that an estimated scale needs for the probability that `limit` has with a known one:
-    /// the quantile of Student's distribution.
+    /// Limit in standard deviations for an estimated scale, with the probability that `limit` has for a known one: the
+    /// quantile of Student's distribution.
     #[must_use]
     pub fn estimated_limit(&self, limit: f64) -> f64 {
         -student_quantile(normal_probability(-limit), self.freedom)

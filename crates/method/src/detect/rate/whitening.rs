@@ -1,61 +1,61 @@
-//! Independent normal values from a series: what of a value its past did not let expect.
+//! Independent normal values from a series: the part of a value that its past does not predict.
 //!
-//! A value is `x_t = a + f x_(t-1) + e_t`, with the variance of `e_t` in proportion to a factor that is known for each
-//! value. Level, lag-1 autocorrelation `f` and scale are estimated from the values before, so that a short history says
-//! itself how little it knows: with normal `e`, the next value has Student's distribution about its prediction, and what
-//! the distribution function makes of it is uniform and independent of all before (recursive residuals: Brown, Durbin and
-//! Evans 1975; self-starting charts: Hawkins 1987). The quantile of the normal distribution gives the score. For `f` other
-//! than zero that holds approximately.
+//! A value is `x_t = a + f x_(t-1) + e_t`; the variance of `e_t` is proportional to a known factor for each value.
+//! Level, lag-1 autocorrelation `f` and scale are estimated from the earlier values, so that the scores include the
+//! uncertainty of a short history. If `e` is normal, the next value has Student's distribution about its prediction,
+//! and its distribution function at the value is uniform and independent of all earlier ones (recursive residuals:
+//! Brown, Durbin and Evans 1975; self-starting charts: Hawkins 1987). The quantile of the normal distribution gives the
+//! score. For `f` other than zero this is an approximation.
 //!
 //! Tails are not known. Five distributions of `e` compete, normal and Student's with `SHAPES` degrees of freedom, each
-//! with estimates of its own. Each has the weight that its predictions until now give it (Dawid 1984), and the
-//! distribution functions are mixed. Student's models weigh a value of `q` standard deviations by
-//! `(v + 1) / (v + q²)`, so outliers hardly count. How heavy tails are beyond what was seen no short history tells: a
-//! model's own values are judged by the heavier tails of `TAILS`, which lowers the rate of false alarms. From some hundred
-//! values on, the history does tell: this margin then shrinks as the number of values grows, so that the rate becomes the
-//! one that is asked for.
+//! with its own estimates. The weight of each follows from its predictions until now (Dawid 1984), and the distribution
+//! functions are mixed. Student's models weigh a value of `q` standard deviations by `(v + 1) / (v + q²)`, so outliers
+//! hardly count. A short history does not show how heavy tails are beyond its values. So a model's values are scored by
+//! the heavier tails of `TAILS`, which lowers the rate of false alarms. From some hundred values on, the history does
+//! show it: this margin then shrinks as the number of values grows, so that the rate approaches the set one.
 
 use crate::statistics::distributions::{normal_quantile, student_log_density, student_probability};
 use armwatch_model::analysis::Estimate;
 
 /// Degrees of freedom of the competing distributions.
 const SHAPES: [f64; 5] = [f64::INFINITY, 10.0, 6.0, 4.0, 3.0];
-/// Degrees of freedom by whose tails the values of each are judged while few are known.
+/// Degrees of freedom of the tails for the scores of each model's values while few are known.
 const TAILS: [f64; 5] = [f64::INFINITY, 7.0, 4.3, 2.9, 2.2];
-/// Values from which on this margin shrinks, in proportion to their inverse: some hundred tell neighbouring shapes apart.
+/// Number of values after which this margin shrinks, in proportion to their inverse: some hundred distinguish
+/// neighbouring shapes.
 const MARGIN_UNTIL: f64 = 300.0;
-/// Their weights before any value.
+/// Weights of the distributions before any value.
 const WEIGHTS: [f64; 5] = [0.8, 0.05, 0.05, 0.05, 0.05];
 
-/// Logarithm of a weight, against the largest, below which a distribution is left out of the mixture.
+/// Logarithm of a weight, relative to the largest, below which a distribution is not part of the mixture.
 const NEGLIGIBLE: f64 = -14.0;
 
 /// Standard deviation of the level about the first value, in scales.
 const LEVEL_DEVIATION: f64 = 3.0;
-/// Largest autocorrelation that a level is believed to have: beyond it there is no level.
+/// Largest accepted autocorrelation: beyond it there is no level.
 const LARGEST_CORRELATION: f64 = 0.95;
 
-/// What is known of a series before its own values: from robots like it, or stated.
+/// Knowledge about a series before its own values: from similar robots, or stated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
     /// Standard deviation of a value about its prediction, above 0.
     pub scale: f64,
-    /// Values that this knowledge is worth, above 0.
+    /// Number of values that this knowledge is worth, above 0.
     pub worth: f64,
     /// Lag-1 autocorrelation, and its standard deviation between series, above 0.
     pub correlation: Estimate,
 }
 
 impl Prior {
-    /// Next to nothing: a scale that is right within a factor of about three, worth three values. One that is too large
-    /// makes a chart late until some multiple of three values is learnt, one that is too small alarms early.
+    /// Little knowledge: a scale that is right within a factor of about three, worth three values. A scale that is too
+    /// large delays alarms until some multiple of three values is learnt; one that is too small raises alarms early.
     #[must_use]
     pub fn vague(scale: f64) -> Self {
         Self { scale, worth: 3.0, correlation: Estimate { value: 0.4, std_error: 1.0 } }
     }
 }
 
-/// What a series is like, as far as its values tell.
+/// Properties of a series, estimated from its values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Likeness {
     /// Mean.
@@ -64,16 +64,16 @@ pub(crate) struct Likeness {
     pub scale: f64,
     /// Lag-1 autocorrelation, 0 to 0.95.
     pub correlation: f64,
-    /// Degrees of freedom of the scale: values that it stands on.
+    /// Degrees of freedom of the scale: number of values that it is estimated from.
     pub freedom: f64,
 }
 
 /// Estimates from the values of a series until now.
 #[derive(Debug, Clone)]
 pub(crate) struct Whitener {
-    /// Unit of all that is inside.
+    /// Unit of all internal values.
     unit: f64,
-    /// The first value, which the others are counted from.
+    /// The first value, subtracted from the others.
     origin: Option<f64>,
     previous: f64,
     models: Vec<Model>,
@@ -108,7 +108,7 @@ struct Predicted {
 }
 
 impl Whitener {
-    /// Before the first value.
+    /// A whitener before its first value.
     #[must_use]
     pub fn new(prior: Prior) -> Self {
         let model = |((shape, tail), weight): ((f64, f64), f64)| Model {
@@ -125,9 +125,9 @@ impl Whitener {
         Self { unit: prior.scale, origin: None, previous: 0.0, models }
     }
 
-    /// Score of a value that follows `previous`, with what is learnt until now: standard normal where nothing has changed.
-    /// `std_error` is its standard error where that is known; a value that is less certain than usual counts for less. 0
-    /// while nothing is learnt.
+    /// Score of a value that follows `previous`, from all learnt values: standard normal without a change. `std_error`
+    /// is the value's standard error, or 0 if unknown; a value that is less certain than usual counts for less. Returns
+    /// 0 while nothing is learnt.
     #[must_use]
     pub fn score(&self, previous: f64, value: f64, std_error: f64) -> f64 {
         let Some(origin) = self.origin else { return 0.0 };
@@ -162,7 +162,7 @@ impl Whitener {
         self.previous = x;
     }
 
-    /// What the series is like. The level is the only value, or the prior's zero, while there are fewer than two.
+    /// Properties of the series. The level is the only value, or the prior's zero, while there are fewer than two.
     #[must_use]
     pub fn likeness(&self) -> Likeness {
         let (mut all, mut level, mut variance, mut correlation, mut freedom) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -182,7 +182,7 @@ impl Whitener {
         }
     }
 
-    /// The models that are not negligible, with their weights against the largest.
+    /// The models that are not negligible, with their weights relative to the largest.
     fn weighted(&self) -> impl Iterator<Item = (&Model, f64)> {
         let counts = |of: &&Model| of.log_weight > NEGLIGIBLE;
         self.models.iter().filter(counts).map(|of| (of, of.log_weight.exp()))
@@ -213,7 +213,7 @@ impl Model {
         }
     }
 
-    /// Degrees of freedom by whose tail a value is judged: the margin shrinks with the values that the shape stands on.
+    /// Degrees of freedom of the tail for the score of a value: the margin shrinks with the number of learnt values.
     fn tail_until_now(&self) -> f64 {
         let margin = (MARGIN_UNTIL / self.count).min(1.0);
         let inverse = self.shape.recip() + margin * (self.tail.recip() - self.shape.recip());

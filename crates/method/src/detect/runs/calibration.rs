@@ -1,4 +1,4 @@
-//! What the limits of a robot are, and what they mean.
+//! Limits of a robot and their consequences.
 
 use super::joint_detectors::friction_drift::judged;
 use super::parts::{Parts, grouped};
@@ -12,15 +12,15 @@ use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::robot::JointIndex;
 
-/// Changes of friction whose delay is stated, as fractions.
+/// Changes of friction for the reported delays, as fractions.
 pub const CHANGES: [f64; 3] = [0.05, 0.10, 0.15];
 
 /// Limits of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
-    /// How the rate is shared.
+    /// Division of the rate.
     pub budget: Budget,
-    /// Log-likelihood by which a cause of what one test shows must exceed that of no change.
+    /// Least log-likelihood of a cause over no change, in one test.
     pub advantage: f64,
     /// Complete tests.
     pub tests: usize,
@@ -33,27 +33,27 @@ pub struct Calibration {
 pub struct LevelCalibration {
     /// The joint.
     pub joint: JointIndex,
-    /// The quantity that it is watched by, as in the view `anomalies`.
+    /// The quantity that is checked, as in the view `anomalies`.
     pub quantity: Quantity,
-    /// Tests learnt from, of the joint's latest epoch.
+    /// Number of learnt tests, of the joint's latest epoch.
     pub learnt: usize,
-    /// What the limit stands on.
+    /// Knowledge that the limit is based on.
     pub phase: Phase,
-    /// What is known; `None` while the joint has no baseline.
+    /// The limit; `None` while the joint has no baseline.
     pub limit: Option<LevelFigures>,
 }
 
-/// Figures of a limit.
+/// Values of a limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelFigures {
     /// Standard deviation from test to test, as a fraction of friction.
     pub scatter: f64,
-    /// Standard deviations of the smoothed change that could be chance.
+    /// Standard deviations of the smoothed change that are still chance.
     pub sigma: f64,
-    /// Smoothed change at which an alarm begins, as a fraction of friction.
+    /// Smoothed change that raises an alarm, as a fraction of friction.
     pub change: f64,
-    /// Expected number of tests until an alarm, of a step by each of [`CHANGES`], the first with it included; infinite
-    /// where it is not found.
+    /// Expected number of tests until an alarm after a step by each of [`CHANGES`], including the first test with it;
+    /// infinite if the step is not found.
     pub delays: [f64; CHANGES.len()],
 }
 
@@ -127,7 +127,7 @@ mod tests {
         let figures = own.limit.expect("a limit");
         assert!(figures.sigma < short.limit.expect("a limit").sigma, "{figures:?}");
         assert!((figures.change - 0.05).abs() < 1e-12, "{figures:?}");
-        // 0.6^k below a half and below two thirds; a change of the limit itself takes longer
+        // 0.6^k below a half and below two thirds; a change equal to the limit takes longer
         let [five, ten, fifteen] = figures.delays;
         assert!((ten - 2.0).abs() < 0.1 && (fifteen - 1.0).abs() < 0.2 && five > 3.0, "{figures:?}");
     }

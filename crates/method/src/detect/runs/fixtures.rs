@@ -1,4 +1,4 @@
-//! Histories of tests made by hand.
+//! Synthetic histories of tests.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -16,10 +16,10 @@ pub(super) const JOINTS: usize = 3;
 /// Cycles of [`indexed`] tests.
 pub(super) const CYCLES: u32 = 8;
 
-/// The joint that [`run`] gives figures of.
+/// The joint with results in [`run`].
 pub(super) const JOINT: JointIndex = JointIndex::new(2);
 
-/// A daily test with figures of one joint.
+/// A daily test with results of one joint.
 pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSummary {
     let joint = JointSummary {
         joint: JOINT,
@@ -76,7 +76,7 @@ pub(super) fn hours(hours: i64) -> Timestamp {
     Timestamp::UNIX_EPOCH + SignedDuration::from_hours(hours)
 }
 
-/// A daily test with the friction index of all joints, `None` for a test that says nothing.
+/// A daily test with the friction index of all joints, `None` for a test without a result.
 pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
     let joint = |j: usize| JointSummary {
         joint: JointIndex::new(j),
@@ -118,12 +118,12 @@ pub(super) fn refusal(finding: &str, channel: Channel, joint: Option<usize>, cyc
     }
 }
 
-/// A test of which every cycle is refused.
+/// A test with all cycles refused.
 pub(super) fn refused(day: i64, refusals: Vec<RunRefusal>) -> RunSummary {
     RunSummary { refused_cycles: CYCLES, refusals, ..indexed(day, None) }
 }
 
-/// What a detector says of a joint without friction curves.
+/// Verdicts of a detector for a joint without friction curves.
 pub(super) fn judged(
     detector: &RunDetector,
     history: &[RunSummary],

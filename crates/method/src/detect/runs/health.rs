@@ -1,4 +1,4 @@
-//! Where each joint stands after the latest test, and what is known of it since when.
+//! State of each joint after the latest test, and the knowledge about it.
 
 use super::history::friction_history::{FrictionHistory, Observed, Source};
 use super::joint_detectors::friction_drift;
@@ -9,8 +9,8 @@ use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::epoch::not_compared;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
 
-/// Largest standard deviation of friction from test to test, as a fraction of the baseline, at which a change is reported as
-/// such a fraction. Healthy joints have 0.01 to 0.05. Above this limit friction is small against measurement noise.
+/// Largest standard deviation of friction from test to test, as a fraction of the baseline, for a change to be reported
+/// as a fraction. Healthy joints have 0.01 to 0.05. Above this limit friction is small against measurement noise.
 const MOST_SCATTER: f64 = 0.1;
 
 /// Largest difference between a healthy joint and the median of the arm in the change of friction by temperature,
@@ -22,8 +22,7 @@ const FEWEST_JOINTS: usize = 4;
 /// Speeds compare within this fraction of the largest.
 const SAME_SPEED: f64 = 1e-3;
 
-/// Where a joint stands after the latest test of the history, which is not empty. `found` are the joint's
-/// anomalies.
+/// State of a joint after the latest test of the history, which is not empty. `found` are the joint's anomalies.
 pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[Anomaly]) -> JointHealth {
     let has_result = |summary: &Option<&JointSummary>| summary.is_some_and(JointSummary::has_result);
     let last_result = series.runs.iter().rposition(has_result);
@@ -105,9 +104,9 @@ fn knowledge(
 
 /// The reason for doubting an index that differs from measured friction in this joint alone.
 ///
-/// The index attributes the rest of the change of warm friction to temperature, `t_j = ln(measured_j / usual_j) - ln(index_j)`.
-/// Joints of one arm share it, as far as healthy joints do: `|t_j - m| <= MOST_OWN + MOST_OWN_SHARE |m|` with the median `m`
-/// of all joints.
+/// The index attributes the rest of the change of warm friction to temperature,
+/// `t_j = ln(measured_j / usual_j) - ln(index_j)`. Joints of one arm share it, as far as healthy joints do:
+/// `|t_j - m| <= MOST_OWN + MOST_OWN_SHARE |m|` with the median `m` of all joints.
 fn taken_for_temperature(history: &[RunSummary], series: &JointSeries<'_>) -> Option<String> {
     let count = series.settings.baseline_runs.max(1);
     let latest = history.last()?;
@@ -138,7 +137,7 @@ fn taken_for_temperature(history: &[RunSummary], series: &JointSeries<'_>) -> Op
     })
 }
 
-/// What nothing is known of in a test without a friction stage.
+/// The reason for the missing checks of a test without a friction stage.
 fn not_watched(latest: &Observed) -> Option<String> {
     (latest.source == Source::Excitation).then(|| {
         "the latest test has no friction stage: jumps of friction inside a test, friction that varies from cycle to cycle and \
@@ -158,9 +157,9 @@ fn not_told(series: &JointSeries<'_>, latest: &Observed) -> Option<String> {
     })
 }
 
-/// Change of friction from which on the latest run alone is odd, as a fraction of the baseline: more than
-/// chance does to one healthy run (Shewhart chart). A single run moves the EWMA of [`friction_drift`] by its
-/// weight only, so it needs this limit of its own. Infinite within the baseline.
+/// Least change of friction that makes the latest run alone odd, as a fraction of the baseline: more than chance in one
+/// healthy run (Shewhart chart). A single run moves the EWMA of [`friction_drift`] by its weight only, so it needs a
+/// separate limit. Infinite within the baseline.
 fn single_run_limit(series: &JointSeries<'_>, latest: &Observed) -> f64 {
     if series.friction.is_learnt_from(latest) {
         return f64::INFINITY;
@@ -178,7 +177,7 @@ fn deviation(series: &JointSeries<'_>, latest: &Observed) -> f64 {
     (own.max(usual_scatter * usual_scatter) + friction.baseline_variance).sqrt()
 }
 
-/// Whether the latest run shows a drift or step of friction. It is an anomaly then, and needs no confirmation.
+/// Returns true if the latest run shows a drift or step of friction. Such an anomaly needs no confirmation.
 fn shows_change(found: &[Anomaly], friction: &FrictionHistory, latest: &RunSummary) -> bool {
     let of_friction = |anomaly: &Anomaly| {
         matches!(anomaly.kind, AnomalyKind::Drift | AnomalyKind::Step)
@@ -191,7 +190,7 @@ fn of_refused(run: &RunSummary) -> String {
     refused_part(run).map_or_else(String::new, |words| format!(" ({words})"))
 }
 
-/// What to say of a run with some cycles refused.
+/// The reason for a run with some refused cycles.
 fn refused_part(run: &RunSummary) -> Option<String> {
     (run.refused_cycles > 0).then(|| {
         let cause = run.refusals.first().map_or("no reason is stored", |of| &of.cause.sentence);
@@ -199,7 +198,7 @@ fn refused_part(run: &RunSummary) -> Option<String> {
     })
 }
 
-/// What the joint's latest results say, and since when.
+/// The joint's latest results, with their time.
 fn known_before(history: &[RunSummary], latest: Option<&Observed>, last_result: Option<usize>) -> String {
     let day = |run: usize| history[run].started_at.strftime("%Y-%m-%d %H:%M").to_string();
     match (latest, last_result) {

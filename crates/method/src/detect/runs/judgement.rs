@@ -1,8 +1,9 @@
-//! Findings in the cycles of a test, in a form that can be kept: causes of its friction curves, and causes of a change of the arm.
+//! Findings in the cycles of a test, in a form that can be kept: causes of its friction curves, and causes of a change
+//! of the arm.
 //!
-//! They follow from the test, from the usual curves and parameters of the tests that it is compared with (`Frame`), and from the
-//! parameters of the few tests before it. A hash of all that decides whether kept findings still hold. The rate of false alarms
-//! has no part in it: it decides later how clear a cause must be.
+//! They follow from the test, from the usual curves and parameters of the tests that it is compared with (`Frame`), and
+//! from the parameters of the few tests before it. Kept findings are valid as long as a hash of all these is the same.
+//! The rate of false alarms is not part of it: it decides later how clear a cause must be.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::{self, Write};
@@ -22,7 +23,7 @@ pub(super) struct Judgement {
 }
 
 impl Judgement {
-    /// The same judgement, with this least advantage of a clear cause.
+    /// The same judgement with this least advantage of a clear cause.
     pub(super) fn at_least(mut self, advantage: f64) -> Self {
         let RunCauses { of_joints, of_arm } = &mut self.causes;
         of_joints.iter_mut().chain([of_arm]).flatten().for_each(|cause| cause.least_advantage = advantage);
@@ -30,8 +31,8 @@ impl Judgement {
     }
 }
 
-/// Judgements of one test with the hash of all that each follows from. Maintenance of single joints makes several sets of tests
-/// that are compared, and a judgement for each.
+/// Judgements of one test with the hash of their inputs. Maintenance of single joints makes several sets of compared
+/// tests, each with its own judgement.
 type OfTest = Vec<(u64, Judgement)>;
 
 /// Judgements that earlier conclusions made.
@@ -42,8 +43,8 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// The judgements of tests, as [`Judged::changed`] gave their bytes. Bytes that cannot be read count as none. `method` identifies
-    /// the sources of the detectors: judgements of another one do not hold.
+    /// The judgements of tests, from the bytes of [`Judged::changed`]. Unreadable bytes count as none. `method`
+    /// identifies the sources of the detectors: judgements of another method are invalid.
     #[must_use]
     pub fn new<'b>(method: u64, bytes: impl IntoIterator<Item = (i64, &'b [u8])>) -> Self {
         let read = |(run_id, bytes): (i64, &[u8])| Some((run_id, postcard::from_bytes(bytes).ok()?));
@@ -59,7 +60,7 @@ impl Kept {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Judged {
     by_test: BTreeMap<i64, OfTest>,
-    /// Tests that were judged again.
+    /// Number of tests that were evaluated again.
     pub recomputed: usize,
 }
 
@@ -85,7 +86,7 @@ impl Judged {
 #[derive(Debug)]
 pub(super) struct Frame {
     pub(super) curves: UsualCurves,
-    /// Of the tests of each length, by group.
+    /// Usual parameters of the tests of each length, by group.
     pub(super) arms: Vec<UsualArm>,
 }
 
@@ -94,7 +95,7 @@ impl Frame {
     pub(super) fn hashes(&self, kept: &Kept) -> Vec<u64> {
         let mut of_curves = Hashed(DefaultHasher::new());
         kept.method.hash(&mut of_curves.0);
-        // to write into a hash does not fail
+        // writing into a hash does not fail
         _ = self.curves.write(&mut of_curves);
         let of_arm = |arm: &UsualArm| {
             let mut hashed = Hashed(of_curves.0.clone());
@@ -114,8 +115,8 @@ impl Write for Hashed {
     }
 }
 
-/// Hash of the inputs of a test's judgement: the frame, the test, and the [`content`] of the tests whose parameters are judged
-/// together with its own. `own` is the test's content.
+/// Hash of the inputs of a test's judgement: the frame, the test, and the [`content`] of the tests whose parameters are
+/// averaged with its own. `own` is the test's content.
 pub(super) fn key(frame: u64, run: &RunSummary, own: u64, together: impl Iterator<Item = u64>) -> u64 {
     let mut hasher = DefaultHasher::new();
     (frame, own).hash(&mut hasher);

@@ -1,4 +1,4 @@
-//! Kept judgements change no finding, in any order of arrival, and detectors compute few of them again.
+//! Kept judgements change no finding, in any order of arrival, and few are computed again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ const METHOD: u64 = 7;
 /// Bytes of the judgements of each test, by its key.
 type Bytes = BTreeMap<i64, Vec<u8>>;
 
-/// Findings with these judgements, which are brought up to date, and how many tests were judged again.
+/// Findings with these judgements, which are updated, and the number of tests that were evaluated again.
 fn with_kept(history: &[RunSummary], bytes: &mut Bytes, settings: &DetectSettings) -> (Findings, usize) {
     let kept = Kept::new(METHOD, bytes.iter().map(|(run_id, of)| (*run_id, &of[..])));
     let (findings, judged) = detect_with(history, &[], settings, &kept);
@@ -30,14 +30,14 @@ fn with_kept(history: &[RunSummary], bytes: &mut Bytes, settings: &DetectSetting
     (findings, judged.recomputed)
 }
 
-/// As text: a test without result has values that are no numbers, which equal nothing.
+/// Findings as text: a test without result has NaN values, which equal nothing.
 fn said(findings: &Findings) -> Vec<String> {
     let anomalies = findings.anomalies.iter().map(|of| format!("{of:?}"));
     let health = findings.health.iter().map(|of| format!("{of:?}"));
     anomalies.chain(health).chain([format!("{:?}", findings.expected_by)]).collect()
 }
 
-/// How parameters answer to faults: a gain moves those of its own joint, an offset of the position all a little.
+/// Effects of faults on the parameters: a gain moves those of the same joint, a position offset moves all slightly.
 fn response(run: &RunSummary) -> Arc<ChannelResponse> {
     let parameters: Vec<ParameterId> = run.parameters.iter().map(|of| of.id).collect();
     let faults = (0..JOINTS).flat_map(|j| {
@@ -57,13 +57,13 @@ fn response(run: &RunSummary) -> Arc<ChannelResponse> {
     Arc::new(ChannelResponse { faults: faults.collect(), parameters: parameters.clone() })
 }
 
-/// A life with faults of all kinds, short checks, contacts and maintenance.
+/// A history with faults of all kinds, short checks, contacts and maintenance.
 pub(super) fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let begin: Vec<i64> = (0..10).map(|_| rng.random_range(3..tests)).collect();
     let lasts: Vec<i64> = (0..10).map(|_| rng.random_range(1..12)).collect();
     let is_in = |fault: usize, run: i64| (begin[fault]..begin[fault] + lasts[fault]).contains(&run);
-    // joints that swing together, and one that steps
+    // joints that swing together, and one with a step
     let swing: fn(usize, u32) -> f64 = |joint, cycle| match joint {
         2 => 0.10 * f64::from(cycle * 7 % 5) - 0.2,
         3 => 0.07 * f64::from(cycle * 7 % 5) - 0.14,
@@ -114,7 +114,7 @@ pub(super) fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
     history
 }
 
-/// Work on the arm or on one joint, on some days.
+/// Maintenance of the arm or of one joint, on some days.
 fn maintained(history: &mut [RunSummary], rng: &mut ChaCha8Rng) {
     let count = history.len();
     for _ in 0..rng.random_range(0..3) {
@@ -144,7 +144,7 @@ fn kept_judgements_change_no_finding_whatever_arrives_when() {
         for (step, place) in order.into_iter().enumerate() {
             arrived.insert(place);
             if rng.random_bool(0.1) {
-                // one is taken away, and may come back
+                // one is deleted, and may arrive again
                 let gone = arrived.iter().copied().nth(rng.random_range(0..arrived.len()));
                 if let Some(gone) = gone {
                     arrived.remove(&gone);
@@ -156,7 +156,7 @@ fn kept_judgements_change_no_finding_whatever_arrives_when() {
             if rng.random_bool(0.05) {
                 settings.false_alarms_per_robot_year = rng.random_range(0.05..50.0);
             }
-            // batches, as a conclusion after several tests
+            // batches, like a conclusion after several tests
             if step % 6 != 5 && step + 1 < all.len() {
                 continue;
             }
@@ -167,7 +167,7 @@ fn kept_judgements_change_no_finding_whatever_arrives_when() {
             assert_eq!(said(&found), said(&expected), "seed {seed}, step {step}");
             checked += 1;
         }
-        // at once, with nothing kept
+        // all at once, without kept judgements
         let (found, _) = with_kept(&history, &mut Bytes::new(), &settings);
         assert_eq!(said(&found), said(&detect(&history, &settings)), "seed {seed}");
     }
@@ -202,7 +202,7 @@ fn judgements_of_other_cycles_or_of_another_method_do_not_hold() {
     assert_eq!(said(&found), said(&detect(&stepped, &settings)));
     let of_other = Kept::new(METHOD + 1, kept.iter().map(|(run_id, of)| (*run_id, &of[..])));
     assert_eq!(detect_with(&healthy, &[], &settings, &of_other).1.recomputed, 30);
-    // cut bytes count as none
+    // truncated bytes count as none
     let cut = Kept::new(METHOD, kept.iter().map(|(run_id, of)| (*run_id, &of[..of.len() / 2])));
     assert_eq!(detect_with(&healthy, &[], &settings, &cut).1.recomputed, 30);
 }

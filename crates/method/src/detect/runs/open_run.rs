@@ -1,12 +1,12 @@
-//! A test that is still being written: what its cycles so far show by themselves and against the robot's complete
+//! A test that is still being written: findings in its cycles so far, alone and compared with the robot's complete
 //! tests.
 //!
-//! Looked for is what a part of a test can show: a step of friction, friction that varies from cycle to cycle, a load,
-//! a torque signal that reads wrong, a contact in one cycle. A contact is found one cycle after it. A step needs one
-//! cycle before it and two of the new level, so it is found one cycle after the one with which it came. Scatter needs
-//! seven cycles. The arm is compared with the same number of first cycles of the complete tests, as parameters move
-//! while an arm warms. What needs the whole test (the friction index, drift, warm-up, the swing of the RMSD) is left to
-//! the time when it is complete. Only warnings and critical findings are given.
+//! The detectors are those that a part of a test is enough for: a step of friction, friction that varies from cycle to
+//! cycle, a load, a wrong torque signal, a contact in one cycle. A contact is found one cycle after it. A step needs
+//! one cycle before it and two of the new level, so it is found one cycle after its first one. Scatter needs seven
+//! cycles. The arm is compared with the same number of first cycles of the complete tests, since parameters change
+//! while an arm warms. Detectors that need the whole test (the friction index, drift, warm-up, the swing of the RMSD)
+//! run when it is complete. The results are only warnings and critical anomalies.
 
 use super::arm::{arm_evidence, faults, least_advantage as least_advantage_of_arm};
 use super::arm_detectors::arm_change::{UNKNOWN_CHANGE, arm_changes};
@@ -24,27 +24,29 @@ use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
 
-/// Fewest cycles whose means of parameters have a scatter of their own.
+/// Fewest cycles for a scatter of the mean parameters.
 const CYCLES_OF_ARM: u32 = 3;
 
-/// What the complete tests of a robot say of a test that is compared with them while it is written. It depends on
-/// these tests alone, so it holds for all cycles of the test.
+/// Usual values from the complete tests of a robot, for a test that is compared with them while it is written. They
+/// depend on these tests alone, so they are valid for all cycles of the test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UsualTests {
-    /// Usual curves of all joints, in the tests that are compared with each other; one entry for each such set.
+    /// Usual curves of all joints, in the tests that are compared with each other; one entry per such set.
     curves: Vec<(Vec<usize>, UsualCurves)>,
     /// By joint: the entry of `curves`, and the quantity of a jump of friction inside a test.
     joints: Vec<(usize, Quantity)>,
-    /// How cycles stand out of their neighbours, in the tests of all joints' epochs, and the probability of a false alarm.
+    /// Usual distances of cycles from their neighbours, in the tests of all joints' epochs, and the probability of a
+    /// false alarm.
     contacts: (UsualContacts, f64),
-    /// Advantage of a cause of the arm that is clear.
+    /// Least advantage of a clear cause of the arm.
     least_advantage_of_arm: f64,
-    /// The first tests that are not much shorter than the longest, with whose first cycles the arm is compared.
+    /// The first tests that are not much shorter than the longest; the arm is compared with their first cycles.
     arm_run_ids: Vec<i64>,
 }
 
 impl UsualTests {
-    /// Selects the complete tests of a robot of `joints` joints, oldest first, that compare with a test of these `epochs`.
+    /// Selects the complete tests of a robot of `joints` joints, oldest first, that are comparable with a test of these
+    /// `epochs`.
     #[must_use]
     pub fn new(history: &[RunSummary], joints: usize, epochs: &[u32], settings: &DetectSettings) -> Self {
         let mut curves: Vec<(Vec<usize>, UsualCurves)> = Vec::new();
@@ -72,7 +74,7 @@ impl UsualTests {
         let places: Vec<usize> = (0..history.len()).filter(|place| of_epochs(&history[*place])).collect();
         let compared: Vec<RunSummary> = places.iter().map(|&place| history[place].clone()).collect();
         let contacts = UsualContacts::of(&compared, joints);
-        // short checks say little of a test of many cycles
+        // short checks are not enough for a test of many cycles
         let of_arm = || places.iter().copied().filter(|&place| has_figures(&history[place]));
         let most = of_arm().map(|place| length(&history[place])).max().unwrap_or(0);
         let first: Vec<usize> = of_arm()
@@ -88,15 +90,15 @@ impl UsualTests {
         }
     }
 
-    /// Keys of the tests whose first cycles [`detect_open`] wants, oldest first.
+    /// Keys of the tests whose first cycles [`detect_open`] needs, oldest first.
     #[must_use]
     pub fn arm_run_ids(&self) -> &[i64] {
         &self.arm_run_ids
     }
 }
 
-/// Looks at a test that is still being written, of which these cycles are known. `first_cycles` are as many cycles of
-/// each of the tests [`UsualTests::arm_run_ids`].
+/// Detects anomalies in a test that is still being written, from these cycles. `first_cycles` has the same number of
+/// cycles of each of the tests [`UsualTests::arm_run_ids`].
 #[must_use]
 pub fn detect_open(
     usual: &UsualTests,
@@ -140,7 +142,7 @@ pub fn detect_open(
     let likeliest: Vec<Option<Cause>> = usual.joints.iter().enumerate().map(likeliest).collect();
     let (usual_contacts, alpha) = &usual.contacts;
     found.extend(open_contact(usual_contacts, *alpha, open, &likeliest, moment[0]));
-    // a change of no known cause may be what comes on top of a fault that goes on, which the whole test says
+    // an unknown change may be in addition to a fault that continues, which only the whole test shows
     found.retain(|of| of.severity > Severity::Info && of.quantity != UNKNOWN_CHANGE);
     for of in &mut found {
         of.message =

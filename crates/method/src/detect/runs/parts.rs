@@ -1,4 +1,4 @@
-//! The parts of a history: tests that are compared with each other, with what is found in their cycles.
+//! The parts of a history: tests that are compared with each other, with the findings in their cycles.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -33,19 +33,20 @@ pub(super) struct Part<'h> {
     pub(super) faults: Vec<Option<ArmCause>>,
     /// By joint and run.
     pub(super) causes: Vec<Vec<Option<RunCause>>>,
-    /// Why what all joints share differs from the usual in each run, and what is said of their warm-up.
+    /// Cause of the difference between the common part of all joints and the usual one in each run, and the verdicts
+    /// about their warm-up.
     pub(super) common_causes: Vec<Option<RunCause>>,
     pub(super) common_warm_up: Vec<Verdict>,
     /// By joint.
     pub(super) friction: Vec<FrictionHistory>,
 }
 
-/// Parts of a history, each found once; most joints have the same.
+/// Parts of a history, each evaluated once; most joints have the same.
 pub(super) struct Parts<'h> {
     pub(super) history: &'h [RunSummary],
     pub(super) settings: &'h DetectSettings,
     pub(super) joints: usize,
-    /// Advantage of a cause of a curve that is clear, and of one of the arm.
+    /// Least advantage of a clear cause of a curve, and of one of the arm.
     least: [f64; 2],
     /// By the places of the tests.
     found: Vec<(Vec<usize>, Part<'h>)>,

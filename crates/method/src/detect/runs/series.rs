@@ -1,4 +1,4 @@
-//! What the runs of a robot say of one joint.
+//! One joint in the runs of a robot.
 
 use std::collections::VecDeque;
 
@@ -18,7 +18,7 @@ use armwatch_model::anomaly::peer::Peer;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::robot::JointIndex;
 
-/// Standard errors from which on what all joints share says of a run that their warm-up is another one.
+/// Least size of another warm-up in the common part of all joints, in standard errors.
 const CLEAR_ERRORS: f64 = 2.0;
 
 /// A detector of a joint's tests.
@@ -27,22 +27,22 @@ pub(super) type RunDetector = dyn for<'a> Detector<JointSeries<'a>>;
 /// One joint over the complete runs of its robot, oldest first.
 pub(super) struct JointSeries<'a> {
     pub(super) joint: JointIndex,
-    /// One entry a run; `None` where the run has no summary of the joint.
+    /// One entry per run; `None` if the run has no summary of the joint.
     pub(super) runs: Vec<Option<&'a JointSummary>>,
     /// Start of each run.
     pub(super) starts: Vec<Timestamp>,
-    /// Largest RMS torque among the joints of each run, Nm (N); 0 where it is not known.
+    /// Largest RMS torque among the joints of each run, Nm (N); 0 if unknown.
     largest_torques: Vec<f64>,
-    /// Joints of the arm.
+    /// Number of joints of the arm.
     pub(super) joints: usize,
     /// Friction of these runs, for the detector of drift and the joint's health.
     pub(super) friction: &'a FrictionHistory,
-    /// Why the curve of each run differs from the usual one.
+    /// Cause of the difference between the curve of each run and the usual one.
     pub(super) causes: &'a [Option<RunCause>],
     /// The fault of the whole arm that each run has.
     pub(super) faults: &'a [Option<ArmCause>],
-    /// Why what all joints share differs from the usual in each run, and what is said of their warm-up; empty where it was not
-    /// looked at.
+    /// Cause of the difference between the common part of all joints and the usual one in each run, and the verdicts
+    /// about their warm-up; empty if they were not evaluated.
     common_causes: &'a [Option<RunCause>],
     common_warm_up: &'a [Verdict],
     pub(super) settings: &'a DetectSettings,
@@ -81,7 +81,7 @@ impl<'a> JointSeries<'a> {
         }
     }
 
-    /// Largest RMS torque among the joints in a run, Nm (N); 0 where it is not known.
+    /// Largest RMS torque among the joints in a run, Nm (N); 0 if unknown.
     pub(super) fn largest_torque(&self, run: usize) -> f64 {
         self.largest_torques[run]
     }
@@ -91,13 +91,13 @@ impl<'a> JointSeries<'a> {
         Self { peers, ..self }
     }
 
-    /// The same with why what all joints share differs from the usual, and what is said of their warm-up.
+    /// The same with the causes of the common part of all joints, and the verdicts about their warm-up.
     pub(super) fn beside(self, common_causes: &'a [Option<RunCause>], common_warm_up: &'a [Verdict]) -> Self {
         Self { common_causes, common_warm_up, ..self }
     }
 
-    /// A figure of this joint in each of the other robots of the model: the median of its first tests. Robots without it
-    /// in most of these are left out.
+    /// A value of this joint in each of the other robots of the model: the median of its first tests. Robots without it
+    /// in most of these are omitted.
     pub(super) fn of_peers(&self, figure: impl Fn(&JointSummary) -> Option<f64>) -> Vec<f64> {
         let usual = |peer: &Peer| {
             let of_joint = |test: &Vec<JointSummary>| test.iter().find(|of| of.joint == self.joint).copied();
@@ -108,7 +108,7 @@ impl<'a> JointSeries<'a> {
         self.peers.iter().filter_map(usual).collect()
     }
 
-    /// A figure of each run, `None` where it was not measured.
+    /// A value of each run, `None` if it was not measured.
     pub(super) fn figures(&self, figure: impl Fn(&JointSummary) -> Option<f64>) -> Vec<Option<f64>> {
         self.runs.iter().map(|summary| summary.and_then(&figure)).collect()
     }
@@ -118,8 +118,8 @@ impl<'a> JointSeries<'a> {
         self.causes.get(run)?.as_ref()?.clear()
     }
 
-    /// Whether the level of friction in a run has a clear cause that is none of the level: another time constant, or a signal of
-    /// this joint that reads too much or too little.
+    /// Returns true if the friction of a run has a clear cause other than its level: another time constant, or a signal
+    /// of this joint with a wrong scale or offset.
     pub(super) fn is_level_explained(&self, run: usize) -> bool {
         let is_noise =
             matches!(self.fault(run), Some(ArmCause::TorqueSignal { fault: SignalFault::Noise(_), .. }));
@@ -127,17 +127,17 @@ impl<'a> JointSeries<'a> {
             || self.has_wrong_signal(run) && !is_noise
     }
 
-    /// Whether friction of a run scatters from cycle to cycle, as a cause of its own.
+    /// Returns true if friction of a run scatters from cycle to cycle, as a separate cause.
     pub(super) fn is_scattered(&self, run: usize) -> bool {
         matches!(self.clear_cause(run), Some(Cause::Scatter(_)))
     }
 
-    /// Whether one of the latest tests before a run scatters from cycle to cycle.
+    /// Returns true if one of the latest tests before a run scatters from cycle to cycle.
     pub(super) fn scattered_before(&self, run: usize) -> bool {
         (run.saturating_sub(LATEST_WITH_SCATTER)..run).any(|before| self.is_scattered(before))
     }
 
-    /// Whether the warm-up of all joints is, or may be, another one in a run, to the same side as the joint's.
+    /// Returns true if the warm-up of all joints differs, or may differ, in a run, to the same side as the joint's.
     pub(super) fn is_warm_up_of_arm(&self, run: usize) -> bool {
         let is_longer = self.causes[run].as_ref().and_then(|of| of.slowing).map(|(factor, _)| factor > 1.0);
         let may_be = |of: &RunCause| {
@@ -152,7 +152,7 @@ impl<'a> JointSeries<'a> {
             || self.common_causes.get(run).is_some_and(|of| of.as_ref().is_some_and(may_be))
     }
 
-    /// Natural logarithm of the factor of the slow time constant that all joints share in a run; 0 where it is not known.
+    /// Natural logarithm of the factor of the slow time constant that all joints share in a run; 0 if unknown.
     pub(super) fn warm_up_of_arm(&self, run: usize) -> f64 {
         let cause = self.common_causes.get(run).and_then(Option::as_ref);
         cause.and_then(|of| of.warm_up).map_or(0.0, |of| of.ln_factor.value)
@@ -162,7 +162,7 @@ impl<'a> JointSeries<'a> {
         *self.faults.get(run)?
     }
 
-    /// Whether a signal of this joint reads wrong in a run.
+    /// Returns true if a signal of this joint is wrong in a run.
     pub(super) fn has_wrong_signal(&self, run: usize) -> bool {
         matches!(
             self.fault(run),
@@ -171,8 +171,9 @@ impl<'a> JointSeries<'a> {
         )
     }
 
-    /// Whether a signal that reads wrong in a run says what torque this joint has beyond its model: its own, the torque of the joint
-    /// behind it, in whose fit it has a part, or a position, which every joint's torque depends on.
+    /// Returns true if a wrong signal in a run explains the torque of this joint beyond its model: the joint's own
+    /// signal, the torque of the next joint, since this joint is part of its fit, or a position, since every joint's
+    /// torque depends on it.
     pub(super) fn is_rest_of_wrong_signal(&self, run: usize) -> bool {
         match self.fault(run) {
             Some(ArmCause::TorqueSignal { joint, .. }) => {
@@ -183,7 +184,7 @@ impl<'a> JointSeries<'a> {
         }
     }
 
-    /// Whether the joint's unexplained torque in a run has a cause that is told by itself.
+    /// Returns true if the joint's unexplained torque in a run has a cause that is reported separately.
     pub(super) fn is_rest_explained(&self, run: usize) -> bool {
         matches!(self.fault(run), Some(ArmCause::UnexplainedTorque { joint, .. }) if joint == self.joint)
             || self.is_rest_of_wrong_signal(run)
@@ -208,18 +209,18 @@ pub(super) fn friction_history(
     friction
 }
 
-/// Latest tests with scatter from cycle to cycle that say how much of it a joint has.
+/// Number of latest tests with scatter from cycle to cycle that are averaged.
 const LATEST_WITH_SCATTER: usize = 8;
 
-/// Standard error of each test's level by scatter from cycle to cycle, as a fraction: a mean of few cycles that scatter
-/// knows the level as badly as that. How much a joint scatters is the mean variance of the latest tests that show it,
-/// since the few cycles of one test know it badly. A test that does not show it clearly, but may have it, has it too.
+/// Standard error of each test's level by scatter from cycle to cycle, as a fraction: the mean of few cycles with
+/// scatter is that uncertain. The scatter of a joint is the mean variance of the latest tests that show it, since the
+/// few cycles of one test are not enough. A test that may have scatter without showing it clearly gets the same error.
 fn level_errors(history: &[RunSummary], causes: &[Option<RunCause>]) -> Vec<Option<f64>> {
     // variance and degrees of freedom
     let mut latest: VecDeque<(f64, f64)> = VecDeque::new();
     let error = |(run, cause): (&RunSummary, &Option<RunCause>)| {
         let may_scatter = match cause {
-            // too few cycles to say
+            // too few cycles to decide
             None => true,
             Some(of) => match of.clear() {
                 Some(Cause::Scatter(size)) => {

@@ -1,4 +1,4 @@
-//! All detectors of tests together, on histories made by hand.
+//! All detectors of tests together, on synthetic histories.
 
 use super::fixtures::{JOINT, history, run, wobble};
 use super::series::friction_history;
@@ -54,7 +54,7 @@ fn severity_figures_and_message_are_of_one_run_and_the_peak_stays() {
     let limit: Vec<_> = (0..12).map(|i| run(i, 12.0, if i == 11 { 0.10004 } else { 0.03 }, 0.002)).collect();
     let found = detect(&limit, &DetectSettings::default()).anomalies;
     assert!(found[0].message.contains("misses 10.004 % of this joint's torque, limit 10.000 %"), "{found:?}");
-    // worse, then as in its baseline again: the row says one of both throughout
+    // worse, then as in its baseline again: all values of the row are of the same run
     let ever: Vec<_> = (0..12).map(|i| run(i, 12.0, if i == 10 { 0.3 } else { 0.128 }, 0.002)).collect();
     let found = detect(&ever, &DetectSettings::default()).anomalies;
     let last = found.last().expect("one");
@@ -72,7 +72,7 @@ fn two_healthy_tests_after_a_repair_end_it() {
 
 #[test]
 fn no_two_detectors_give_the_same_anomaly() {
-    // the store recognises an anomaly by kind and quantity, and by joint and first run
+    // the store identifies an anomaly by kind and quantity, and by joint and first run
     let (history, settings) = (history(6, |_| 12.0), DetectSettings::default());
     let causes = vec![None; history.len()];
     let friction = friction_history(&history, JOINT, &causes, settings.baseline_runs);

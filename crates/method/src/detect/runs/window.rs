@@ -22,8 +22,8 @@ impl Windowed for RunSummary {
         !self.is_without_result()
     }
 
-    /// The first `count` tests of each epoch, of the joints and of the arm: of those with each figure that baselines are learnt
-    /// from, and of the arm those of like length.
+    /// The first `count` tests of each epoch, of the joints and of the arm: those with each value that baselines are
+    /// learnt from, and for the arm those of similar length.
     fn heads(window: &[Self], until: usize, count: usize) -> BTreeSet<usize> {
         heads(window, until, count)
     }
@@ -39,7 +39,7 @@ fn heads(window: &[RunSummary], until: usize, count: usize) -> BTreeSet<usize> {
             let of_epoch: Vec<usize> = (0..until).filter(|at| window[*at].epoch(joint) == epoch).collect();
             let mut first = |has: &dyn Fn(&RunSummary) -> bool| {
                 found.extend(of_epoch.iter().copied().filter(|at| has(&window[*at])).take(count));
-                // since when there is no figure any more
+                // the last test with a value
                 found.extend(of_epoch.iter().copied().rfind(|at| has(&window[*at])));
             };
             first(&|run| summary(run).is_some_and(|of| JointSummary::has_result(&of)));
@@ -60,7 +60,7 @@ fn heads(window: &[RunSummary], until: usize, count: usize) -> BTreeSet<usize> {
     found
 }
 
-/// Whether a test has friction of a joint by cycle.
+/// Returns true if a test has friction of a joint by cycle.
 fn has_curve(run: &RunSummary, joint: JointIndex) -> bool {
     run.cycle_friction.iter().any(|of| of.friction.joint == joint)
 }

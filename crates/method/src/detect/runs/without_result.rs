@@ -1,23 +1,23 @@
 //! Tests without result: every cycle was refused or doubtful, or the test has no cycle.
 //!
-//! Such a test is a warning at once, without a limit. Its kind is `sensor` where a channel is at fault, and
-//! `accuracy` where the motion or the model is. The causes are those that refused at least half of the
-//! cycles, else the first one. The first test with a result ends the episode.
+//! Such a test is a warning at once, without a limit. Its kind is `sensor` if a channel is at fault, and `accuracy` if
+//! the motion or the model is. The causes are those that refused at least half of the cycles, otherwise the first one.
+//! The first test with a result ends the episode.
 //!
-//! This is no [`Detector`](crate::detect::detector::Detector): it judges a run as a whole, its
-//! anomaly may be the whole arm's, and it has no quantity with a baseline.
+//! This is no [`Detector`](crate::detect::detector::Detector): it evaluates a run as a whole, its anomaly may be of the
+//! whole arm, and it has no quantity with a baseline.
 
 use armwatch_model::analysis::refusal::{Channel, NO_POSITIONS, RefusalCause};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, RunRefusal, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
 
-/// Episodes of tests without result, one for each cause that a channel and a joint have. An episode ends with
-/// the first test that gives a result again.
+/// Episodes of tests without result, one per cause that a channel and a joint have. An episode ends with the next test
+/// that has a result.
 pub(super) fn without_result(history: &[RunSummary]) -> Vec<Anomaly> {
     let mut found: Vec<Anomaly> = Vec::new();
     for run in history {
-        // whoever logs no positions expects no result
+        // exports without positions are expected to have no result
         if run.refusals.iter().any(|of| of.cause.finding == NO_POSITIONS) {
             continue;
         }
@@ -37,7 +37,7 @@ pub(super) fn without_result(history: &[RunSummary]) -> Vec<Anomaly> {
     found
 }
 
-/// What an anomaly is to say of a test without result.
+/// Content of an anomaly for a test without result.
 struct MissingResult {
     channel: Channel,
     joint: Option<JointIndex>,
@@ -61,7 +61,7 @@ impl MissingResult {
             kind,
             quantity,
             severity: Severity::Warning,
-            // the share of cycles without result
+            // the fraction of cycles without result
             score: 1.0,
             threshold: 1.0,
             value: f64::NAN,
@@ -83,8 +83,8 @@ impl MissingResult {
     }
 }
 
-/// Causes that refused at least half of a run's cycles, or the first one. A check that fails for most joints
-/// alike is the whole arm's.
+/// Causes that refused at least half of a run's cycles, or the first one. A check that fails in the same way for most
+/// joints is reported for the whole arm.
 fn causes_of(run: &RunSummary) -> Vec<MissingResult> {
     let Some(first) = run.refusals.first() else {
         let words = format!("{}; check what the export holds", why(run));
@@ -102,7 +102,7 @@ fn causes_of(run: &RunSummary) -> Vec<MissingResult> {
             .collect();
         let joint = cause.joint.filter(|_| alike.len() < 2 || 2 * alike.len() <= run.joints.len());
         match shown.iter_mut().find(|known| known.channel == cause.channel && known.joint == joint) {
-            // all of it is in the reason of each cycle
+            // the reason of each cycle has the rest
             Some(known) => known.first_cycle = known.first_cycle.min(Some(of.first_cycle)),
             None => {
                 let words = match joint.is_none() && alike.len() > 1 {
@@ -125,7 +125,7 @@ fn is_alike(a: &RefusalCause, b: &RefusalCause) -> bool {
     a.finding == b.finding && a.channel == b.channel
 }
 
-/// Why a run has no result, by the cause of most of its cycles.
+/// The reason for a run without result, from the cause of most of its cycles.
 pub(super) fn why(run: &RunSummary) -> String {
     let cycles = match (run.cycles, run.refused_cycles) {
         (0, _) => return "it holds no whole cycle".into(),

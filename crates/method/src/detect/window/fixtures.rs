@@ -1,10 +1,10 @@
-//! Histories judged window by window, without a database.
+//! Histories evaluated window by window, without a database.
 
 use super::{Lengths, Windowed, is_over, next, put_together};
 use armwatch_model::anomaly::Anomaly;
 use armwatch_model::anomaly::settled::{Moment, Settled};
 
-/// What a history says: anomalies that are settled, boundary by boundary, and those that are not.
+/// Results of a history: settled anomalies, boundary by boundary, and the others.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(in crate::detect) struct Said {
     pub(in crate::detect) settled: Vec<(Settled, Vec<Anomaly>)>,
@@ -19,7 +19,7 @@ impl Said {
     }
 }
 
-/// What the runs of a window say: the anomalies found in them.
+/// A run whose window can be evaluated.
 pub(in crate::detect) trait Judged: Clone {
     /// Its place in time.
     fn moment_of(&self) -> Moment;
@@ -29,12 +29,12 @@ pub(in crate::detect) trait Judged: Clone {
     fn as_windowed<T>(window: &[Self], with: impl WithRuns<T>) -> T;
 }
 
-/// What is done with runs of any kind.
+/// A function of runs of any kind.
 pub(in crate::detect) trait WithRuns<T> {
     fn call(self, runs: &[impl Windowed]) -> T;
 }
 
-/// Judges one window: what is said, and what is settled at the next boundary if that is in force.
+/// Evaluates one window: its anomalies, and the state at the next boundary if that is in force.
 struct OneWindow<'a> {
     settled: &'a Settled,
     found: Vec<Anomaly>,
@@ -50,7 +50,7 @@ impl WithRuns<(Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>)> for OneWindow<'_>
     }
 }
 
-/// Runs of the window behind a boundary, and no more than are asked for.
+/// Runs of the window of a boundary, at most as many as the store would read.
 fn window<Run: Judged>(history: &[Run], settled: &Settled, lengths: &Lengths) -> Vec<Run> {
     let read = history.iter().filter(|run| settled.read.contains(&run.moment_of().1));
     let leads_in = |run: &&Run| {
@@ -62,7 +62,7 @@ fn window<Run: Judged>(history: &[Run], settled: &Settled, lengths: &Lengths) ->
     read.chain(leads_in).chain(behind.take(2 * lengths.step)).cloned().collect()
 }
 
-/// What a history says, of which something is settled already.
+/// Results of a history with some settled boundaries.
 pub(in crate::detect) fn said<Run: Judged>(
     history: &[Run],
     known: Vec<(Settled, Vec<Anomaly>)>,
@@ -85,7 +85,7 @@ pub(in crate::detect) fn said<Run: Judged>(
     }
 }
 
-/// Values that are no numbers equal nothing, so that anomalies are compared as text.
+/// Anomalies as text for comparisons, since NaN values equal nothing.
 pub(in crate::detect) fn words(of: &[&Anomaly]) -> Vec<String> {
     of.iter().map(|of| format!("{of:?}")).collect()
 }

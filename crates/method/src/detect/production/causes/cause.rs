@@ -1,44 +1,45 @@
-//! What explains a log: a load, and one other cause beside it.
+//! Causes of a log: a load, and one other cause in addition to it.
 
 use armwatch_model::robot::JointIndex;
 
-/// Least mass that is called a load, kg, and how many of its standard errors.
+/// Least mass that is reported as a load, kg, and the least mass in its standard errors.
 const LEAST_MASS: f64 = 0.2;
 const MASS_ERRORS: f64 = 5.0;
-/// Standard error of a mass, kg, from which on the log says nothing of it: no joint carries the last link's weight.
+/// Least standard error of a mass, kg, that means the log does not show the mass: no joint carries the last link's
+/// weight.
 const UNSEEN_MASS: f64 = 2.0;
-/// Least gain, and least friction beyond the other joints', that are named.
+/// Least gain, and least friction beyond the other joints', that are reported.
 pub(in crate::detect::production) const LEAST_GAIN: f64 = 0.03;
 pub(in crate::detect::production) const LEAST_WEAR: f64 = 0.3;
 
-/// What beside a load explains a log.
+/// Cause of a log in addition to a load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::detect::production) enum WorkCause {
     /// Nothing.
     None,
-    /// Friction of one joint, as a fraction of the test's beyond the other joints'.
+    /// More friction of one joint, as a fraction of the test's and beyond that of the other joints.
     Friction(JointIndex, f64),
-    /// A torque signal that reads in proportion too much.
+    /// Torque signal of one joint with a wrong gain, as a fraction.
     Gain(JointIndex, f64),
-    /// A torque signal that reads too much by a constant, Nm (N).
+    /// Torque signal of one joint with an offset, Nm (N).
     Offset(JointIndex, f64),
     /// Something else.
     Unknown,
 }
 
-/// A body at the last link beyond that of the test.
+/// Body at the last link in addition to that of the test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::detect::production) struct WorkLoad {
     /// Mass, kg.
     pub(in crate::detect::production) mass: f64,
     /// Its standard error, kg.
     pub(in crate::detect::production) std_error: f64,
-    /// Centre in the frame of the last link, m; means something where the motion shows the mass.
+    /// Centre in the frame of the last link, m; meaningless if the motion does not show the mass.
     pub(in crate::detect::production) centre: [f64; 3],
 }
 
 impl WorkLoad {
-    /// Whether the motion shows the mass.
+    /// Returns true if the motion shows the mass.
     pub(in crate::detect::production) fn has_seen_mass(&self) -> bool {
         self.std_error < UNSEEN_MASS
     }
@@ -49,7 +50,7 @@ impl WorkLoad {
 }
 
 impl WorkCause {
-    /// Whether both are of one kind and one joint, whatever their sizes.
+    /// Returns true if both have the same kind and joint, whatever their sizes.
     pub(super) fn is_like(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Friction(a, _), Self::Friction(b, _))
@@ -59,7 +60,7 @@ impl WorkCause {
         }
     }
 
-    /// Whether a cause of this size is named.
+    /// Returns true if a cause of this size is reported.
     pub(super) fn is_large(&self) -> bool {
         match self {
             Self::Friction(_, excess) => *excess >= LEAST_WEAR,
@@ -68,7 +69,7 @@ impl WorkCause {
         }
     }
 
-    /// What it would be, in words that follow "rather than".
+    /// Description of the cause, in words that follow "rather than".
     pub(in crate::detect::production) fn words(&self) -> String {
         match self {
             Self::None => "no change beside warmth".into(),

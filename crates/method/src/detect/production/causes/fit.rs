@@ -1,11 +1,12 @@
-//! The fit of a hypothesis to a log, and what it leaves of the torque of each joint.
+//! The fit of a hypothesis to a log, and the residual torque of each joint.
 //!
-//! Least squares with a prior for each size, from products alone: with the weights `w_j` of the joints, the product of
-//! two columns is the sum of `w_j` times their mean product over the joints that both have, and the least cost is
+//! Least squares with a prior for each size, from products alone. Let `w_j` be the weights of the joints. The product
+//! of two columns is the sum of `w_j` times their mean product over the joints that both have. The least cost is
 //! `d' W d - b' s` for the deviations `d`, the right-hand side `b` and the sizes `s`.
 //!
-//! The random effects of warmth are in every hypothesis. They are eliminated once: with `M` for their normal matrix, priors included,
-//! and `r_a` for their products with a column `a`, the others have the product `a' W b - r_a' M^-1 r_b`, the Schur complement.
+//! Every hypothesis contains the random effects of temperature, which are eliminated once. Let `M` be their normal
+//! matrix with priors and `r_a` their products with a column `a`. The remaining product of two other columns is the
+//! Schur complement `a' W b - r_a' M^-1 r_b`.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -15,26 +16,26 @@ use armwatch_model::analysis::work_evidence::{DEVIATION, JointEvidence, WorkDire
 use armwatch_model::anomaly::ProductionSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Independent values of a joint that a log counts as.
+/// Number of independent values that a log counts as, per joint.
 const EFFECTIVE_ROWS: f64 = 60.0;
-/// Part of the torque that a test leaves unexplained where that is not known, and the least that is believed.
+/// Unexplained part of the torque of a test if it is not known, and its least accepted value.
 const USUAL_REST: f64 = 0.02;
 const LEAST_REST: f64 = 0.005;
-/// Directions that are alike to one in a million count as one.
+/// Regularisation of the correlation matrix of the directions: relative differences below it have no effect.
 const RIDGE: f64 = 1e-6;
-/// The parts of friction.
+/// Parts of friction.
 const FRICTION: [WorkDirection; 2] = [WorkDirection::Coulomb, WorkDirection::Viscous];
 
-/// What a joint of a log comes to under the likeliest causes.
+/// Residuals of a joint of a log under the likeliest causes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::detect::production) struct JointRest {
     /// The joint.
     pub(in crate::detect::production) joint: JointIndex,
-    /// Friction beyond the test's, as a multiple of it.
+    /// Friction beyond the test's, as a multiple of the test's.
     pub(in crate::detect::production) friction: f64,
-    /// Part of the measured torque that is left together with what friction explains, root mean square.
+    /// Part of the measured torque that remains if friction is not subtracted, root mean square.
     pub(in crate::detect::production) with_friction: f64,
-    /// Part of the measured torque that is left without it.
+    /// Part of the measured torque that remains.
     pub(in crate::detect::production) left: f64,
 }
 
@@ -43,24 +44,26 @@ pub(super) struct System<'a> {
     evidence: &'a [JointEvidence],
     /// Effective rows over the variance of the noise, by joint.
     weights: Vec<f64>,
-    /// Squares that no cause explains, weighted, by joint.
+    /// Weighted mean square that no cause explains, by joint.
     left: Vec<f64>,
-    /// Random effects of all hypotheses.
+    /// Random effects, common to all hypotheses.
     warmth: Vec<Column>,
-    /// Their normal matrix, priors included.
+    /// Normal matrix of the random effects, priors included.
     normal: Cholesky<f64, Dyn>,
-    /// Their products with the deviation, and these beside the factor of the normal matrix.
+    /// Products of the random effects with the deviation; `whitened` has them multiplied by the inverse factor of
+    /// `normal`.
     right: DVector<f64>,
     whitened: DVector<f64>,
 }
 
-/// A column beside the random effects.
+/// A column in addition to the random effects.
 pub(super) struct Beside {
     column: Column,
-    /// Its products with the random effects, and these beside the factor of their normal matrix.
+    /// Its products with the random effects; `whitened` has them multiplied by the inverse factor of their normal
+    /// matrix.
     with_warmth: DVector<f64>,
     whitened: DVector<f64>,
-    /// Its product with the deviation that is left.
+    /// Its product with the deviation after elimination of the random effects.
     right: f64,
 }
 
@@ -68,16 +71,16 @@ pub(super) struct Beside {
 pub(super) struct Solution {
     columns: Vec<Column>,
     sizes: DVector<f64>,
-    /// Of these sizes.
+    /// Covariance of `sizes`.
     covariance: DMatrix<f64>,
-    /// What the columns take of the products of the random effects with the deviation.
+    /// Part of the products of random effects and deviation that the columns explain.
     taken: DVector<f64>,
-    /// What it leaves, and its price, in units of chi².
+    /// Remaining squares plus the price, in units of chi².
     pub(super) cost: f64,
 }
 
 impl<'a> System<'a> {
-    /// `None` for products that no arm could have.
+    /// Returns `None` for products that no arm could have.
     pub(super) fn of(log: &'a ProductionSummary) -> Option<Self> {
         let evidence = &log.evidence[..];
         let (mut weights, mut left) = (Vec::new(), Vec::new());
@@ -89,7 +92,7 @@ impl<'a> System<'a> {
             let used = WorkDirection::ALL.len() as f64;
             let noise = (relative * relative * expected_square(of))
                 .max(rest * EFFECTIVE_ROWS / (EFFECTIVE_ROWS - used));
-            // a joint without any torque, expected or measured, says nothing
+            // a joint without any torque, expected or measured, has no information
             let weight = Some(EFFECTIVE_ROWS / noise).filter(|weight| weight.is_finite()).unwrap_or(0.0);
             weights.push(weight);
             left.push(weight * rest);
@@ -108,12 +111,12 @@ impl<'a> System<'a> {
         Some(Self { evidence, weights, left, warmth, normal, right, whitened })
     }
 
-    /// What is left in any case.
+    /// Sum of squares that remains under every hypothesis.
     pub(super) fn least_left(&self) -> f64 {
         self.left.iter().sum()
     }
 
-    /// Columns beside the random effects.
+    /// Columns in addition to the random effects.
     pub(super) fn beside(&self, columns: Vec<Column>) -> Option<Vec<Beside>> {
         let beside = |column: Column| {
             let with_warmth = DVector::from_fn(self.warmth.len(), |place, _| {
@@ -127,7 +130,7 @@ impl<'a> System<'a> {
         columns.into_iter().map(beside).collect()
     }
 
-    /// The best fit of these columns, at a price in units of chi²; `None` where the log shows too little of them.
+    /// The best fit of these columns, at a price in units of chi²; `None` if the log shows too little of them.
     pub(super) fn solve(&self, columns: &[&Beside], price: f64) -> Option<Solution> {
         let mut normal = DMatrix::from_fn(columns.len(), columns.len(), |a, b| {
             let (a, b) = (columns[a], columns[b]);
@@ -148,14 +151,14 @@ impl<'a> System<'a> {
         cost.is_finite().then_some(Solution { columns, sizes, covariance, taken, cost })
     }
 
-    /// Sizes of the columns of a solution, and behind them those of the random effects.
+    /// Sizes of the columns of a solution, followed by those of the random effects.
     fn sizes<'s>(&'s self, solution: &'s Solution) -> impl Iterator<Item = (&'s Column, f64)> {
         let of_warmth = self.normal.solve(&(&self.right - &solution.taken));
         let own = solution.columns.iter().zip(solution.sizes.iter().copied());
         own.chain(self.warmth.iter().zip(of_warmth.data.as_vec().clone()))
     }
 
-    /// What a hypothesis comes to with its sizes.
+    /// The cause of a hypothesis with its fitted sizes.
     pub(super) fn cause(&self, hypothesis: Hypothesis, solution: &Solution) -> WorkCause {
         match hypothesis {
             Hypothesis::None => WorkCause::None,
@@ -181,7 +184,7 @@ impl<'a> System<'a> {
         if square > 0.0 { sum / square } else { 0.0 }
     }
 
-    /// The load of a solution with one.
+    /// The load of a solution that has one.
     pub(super) fn load(&self, solution: &Solution) -> WorkLoad {
         let own = |column: &Column| matches!(column.along[0].1, WorkDirection::Load(0));
         let first = solution.columns.iter().position(own).unwrap_or(0);
@@ -190,7 +193,7 @@ impl<'a> System<'a> {
         WorkLoad { mass, std_error: solution.covariance[(first, first)].sqrt(), centre }
     }
 
-    /// What the joints come to.
+    /// Residuals of the joints.
     pub(super) fn rest(&self, solution: &Solution) -> Vec<JointRest> {
         let sizes: Vec<(&Column, f64)> = self.sizes(solution).collect();
         let of_joint = |(place, of): (usize, &JointEvidence)| {
@@ -237,7 +240,7 @@ fn product_with_deviation(evidence: &[JointEvidence], weights: &[f64], column: &
     column.along.iter().map(part).sum()
 }
 
-/// Mean square of the deviation that is left by directions of these sizes.
+/// Mean square of the deviation after subtraction of the directions with these sizes.
 fn left_by(of: &JointEvidence, sizes: &[f64; DEVIATION]) -> f64 {
     let mut sum = of.product(DEVIATION, DEVIATION);
     for (a, size) in sizes.iter().enumerate() {

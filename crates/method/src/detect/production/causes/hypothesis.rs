@@ -1,16 +1,16 @@
-//! Hypotheses: which directions each adds to the torque of which joints, with prior sizes and prices.
+//! Hypotheses: the directions that each adds to the torque of each joint, with prior sizes and prices.
 
 use armwatch_model::analysis::work_evidence::{JointEvidence, WorkDirection};
 
-/// Standard deviations of what warmth does to friction, as fractions of the test's: of all joints in common, and of a
-/// joint beside the others. Viscous friction falls with warmth, Coulomb friction hardly.
+/// Standard deviations of the effect of temperature on friction, as fractions of the test's friction: common to all
+/// joints, and per joint. Viscous friction falls with temperature, Coulomb friction hardly.
 const COMMON_COULOMB: f64 = 0.2;
 const COMMON_VISCOUS: f64 = 0.5;
 const OWN_COULOMB: f64 = 0.05;
 const OWN_VISCOUS: f64 = 0.10;
 
-/// Prior standard deviations of the sizes of causes: friction, as much again; a gain; an offset, as a fraction of the
-/// joint's torque; a load's mass, kg, and first moments, kg m.
+/// Prior standard deviations of the sizes of causes: friction, as a multiple of the test's; a gain; an offset, as a
+/// fraction of the joint's torque; a load's mass, kg, and first moments, kg m.
 const FRICTION_SIZE: f64 = 1.0;
 const GAIN_SIZE: f64 = 0.3;
 const OFFSET_SIZE: f64 = 1.0;
@@ -19,39 +19,39 @@ const MOMENT_SIZE: f64 = 5.0;
 
 /// Price of one parameter, in units of chi².
 const PARAMETER_PRICE: f64 = 4.0;
-/// Further price of a channel that reads wrong: friction of a joint that carries no weight is most of its torque, and wears more
-/// often than a signal fails.
+/// Additional price of a wrong torque signal. In a joint that carries no weight, friction is most of the torque, and a
+/// gain looks like friction; wear is more frequent than a wrong signal.
 const CHANNEL_PRICE: f64 = 20.0;
 
-/// What adds torque to some joints with one unknown size.
+/// Torque added to some joints with one unknown size.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Column {
     /// Places of joints in the evidence, and directions.
     pub(super) along: Vec<(usize, WorkDirection)>,
     /// Prior variance of the size.
     pub(super) variance: f64,
-    /// Whether it is friction.
+    /// True if it is friction.
     pub(super) is_friction: bool,
 }
 
 impl Column {
-    /// Friction, which warmth changes with this standard deviation.
+    /// Effect of temperature on friction, with this standard deviation.
     fn warmth(along: Vec<(usize, WorkDirection)>, deviation: f64) -> Self {
         Self { along, variance: deviation * deviation, is_friction: true }
     }
 
-    /// Whether the log shows anything of it.
+    /// Returns true if the log shows this column.
     fn is_seen(&self, evidence: &[JointEvidence]) -> bool {
         self.along.iter().any(|(place, of)| evidence[*place].product(of.place(), of.place()) > 0.0)
     }
 }
 
-/// What beside a load could explain a log, by the place of its joint in the evidence.
+/// Hypothesis about the cause in addition to a load, by the place of its joint in the evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Hypothesis {
     /// Nothing.
     None,
-    /// Friction of a joint.
+    /// More friction of a joint.
     Friction(usize),
     /// A gain of its torque signal.
     Gain(usize),
@@ -60,7 +60,7 @@ pub(super) enum Hypothesis {
 }
 
 impl Hypothesis {
-    /// All hypotheses about so many joints.
+    /// All hypotheses about `joints` joints.
     pub(super) fn all(joints: usize) -> impl Iterator<Item = Self> {
         let each = move |of: fn(usize) -> Self| (0..joints).map(of);
         std::iter::once(Self::None)
@@ -69,7 +69,7 @@ impl Hypothesis {
             .chain(each(Self::Offset))
     }
 
-    /// What it adds; `None` where the log shows nothing of it.
+    /// The columns that it adds; `None` if the log shows none of them.
     pub(super) fn columns(self, evidence: &[JointEvidence]) -> Option<Vec<Column>> {
         let one = |place: usize, direction: WorkDirection, deviation: f64| {
             let is_friction = matches!(direction, WorkDirection::Coulomb | WorkDirection::Viscous);
@@ -92,7 +92,7 @@ impl Hypothesis {
         Some(columns).filter(|columns| !columns.is_empty())
     }
 
-    /// Price of it with so many parameters, those of a load among them, in units of chi².
+    /// Price of the hypothesis with this number of parameters, those of a load included, in units of chi².
     pub(super) fn price(self, parameters: usize) -> f64 {
         let channel = match self {
             Self::Gain(_) | Self::Offset(_) => CHANNEL_PRICE,
@@ -102,7 +102,7 @@ impl Hypothesis {
     }
 }
 
-/// What a load adds, mass first; `None` where the log shows nothing of one.
+/// The columns of a load, mass first; `None` if the log shows none of them.
 pub(super) fn load_columns(evidence: &[JointEvidence]) -> Option<Vec<Column>> {
     let all = |direction| (0..evidence.len()).map(|place| (place, direction)).collect();
     let column =
@@ -116,7 +116,7 @@ pub(super) fn load_columns(evidence: &[JointEvidence]) -> Option<Vec<Column>> {
     columns.iter().any(|of| of.is_seen(evidence)).then_some(columns)
 }
 
-/// The random effects of every hypothesis: what warmth does to friction, of all joints in common and of each.
+/// The random effects of every hypothesis: the effect of temperature on friction, common to all joints and per joint.
 pub(super) fn warmth_columns(joints: usize) -> Vec<Column> {
     let all = |direction| (0..joints).map(|place| (place, direction)).collect();
     let mut columns = vec![

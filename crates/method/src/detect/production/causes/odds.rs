@@ -1,10 +1,10 @@
-//! Odds of what explains a log, and what was rejected, in words.
+//! Odds of the explanations of a log, and the rejected ones in words.
 
 use super::cause::{WorkCause, WorkLoad};
 use crate::detect::verdict::{MOST_ODDS, Why};
 use armwatch_model::anomaly::Alternative;
 
-/// Rejected explanations that are told.
+/// Most rejected explanations in a verdict.
 const MOST_ALTERNATIVES: usize = 3;
 
 /// One explanation of a log.
@@ -12,21 +12,21 @@ const MOST_ALTERNATIVES: usize = 3;
 pub(super) struct Fit {
     pub(super) load: Option<WorkLoad>,
     pub(super) cause: WorkCause,
-    /// In units of chi².
+    /// Cost in units of chi².
     pub(super) cost: f64,
 }
 
-/// What is asked of the explanations.
+/// The question that the explanations answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::detect::production) enum Asked {
-    /// Whether there is a load; a cause that would do without one is an alternative.
+    /// Is there a load? A cause without a load is an alternative.
     Load,
-    /// Which cause there is, with a load or without.
+    /// Which cause is there, with or without a load?
     Cause,
 }
 
-/// Odds of the first of these explanations, which stand in the order of their costs, against all others, and the
-/// likeliest of these. Explanations that answer alike count together: one cause with two sizes, or a load beside two causes.
+/// Odds of the first of these explanations, which are sorted by cost, against all others, and the likeliest of the
+/// others. Explanations with the same answer count together: one cause with two sizes, or a load with two causes.
 pub(super) fn odds(fits: &[Fit], asked: Asked) -> Why {
     let least = fits.first().map_or(0.0, |fit| fit.cost);
     let mut weights: Vec<(&Fit, f64)> = Vec::new();

@@ -13,10 +13,10 @@ use armwatch_model::robot::JointIndex;
 
 const JOINTS: usize = 6;
 
-/// What happens to a joint's torque, by size of each direction.
+/// Effect on a joint's torque: the size of each direction.
 type Effect<'a> = &'a dyn Fn(usize) -> [f64; DEVIATION];
 
-/// A log of drawn torques. The joints' torques are some ten Nm, of which the test leaves 2 % unexplained.
+/// A log of random torques. The joints' torques are some ten Nm, and the test leaves 2 % unexplained.
 fn log(seed: u64, effect: Effect<'_>) -> ProductionSummary {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = move || rng.sample::<f64, _>(StandardNormal);

@@ -1,4 +1,4 @@
-//! Friction that rises in ordinary work, on histories made by hand.
+//! Friction that rises in production, on synthetic histories.
 
 use crate::detect::production::fixtures::{USUAL, detected, history, wobble};
 use armwatch_model::anomaly::quantity::Quantity;
@@ -11,7 +11,7 @@ fn a_joint_that_wears_between_tests_is_named_and_the_next_test_takes_it_in() {
     let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
     assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, Quantity::ProductionFriction));
     assert_eq!((anomaly.joint.expect("one").number(), anomaly.severity), (3, Severity::Warning));
-    // four tenths of a quarter are within the limit after the first log, two thirds are not after the second
+    // 0.4 × 0.25 is within the limit after the first log; 0.64 × 0.25 is not after the second
     assert_eq!((anomaly.first_run_id, anomaly.last_run_id, anomaly.ended), (17, 20, true));
     assert!(anomaly.message.starts_with("joint 3: in ordinary work friction is"), "{}", anomaly.message);
 }
@@ -24,10 +24,10 @@ fn with_too_few_joints_to_tell_warmth_friction_counts_as_it_is() {
     assert_eq!(detected(&logs).len(), 1);
 }
 
-/// Logs behind `tests` tests of ten logs each. The level of a joint's logs differs from test to test by a standard
-/// deviation of `spread`, as tests know friction; `wear` is by test and joint, counted from 0.
+/// Logs after `tests` tests, ten logs each. The level of a joint's logs differs from test to test with the standard
+/// deviation `spread`; `wear` is by test and joint, counted from 0.
 fn tested(tests: usize, spread: f64, wear: impl Fn(usize, usize) -> f64) -> Vec<ProductionSummary> {
-    // sums of twelve even draws are near enough to normal
+    // the sum of twelve uniform draws is nearly normal
     let draw = |test: usize, joint: usize| {
         let mut state = (test * 7919 + joint * 104_729 + 17) as u64;
         let mut next = || {

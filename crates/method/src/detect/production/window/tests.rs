@@ -1,4 +1,4 @@
-//! What windows say of much ordinary work: the same whatever came when, and of a fault that goes on one anomaly.
+//! Windows of long production: the same result for any order of arrival, and one anomaly for a lasting fault.
 
 use std::collections::BTreeSet;
 
@@ -30,7 +30,7 @@ impl Judged for ProductionSummary {
     }
 }
 
-/// Ordinary work of a robot with two times of wear, another load and a joint that is off in one log.
+/// Production of a robot with two periods of wear, another load, and a joint that is off in one log.
 fn life(logs: usize) -> Vec<ProductionSummary> {
     history(logs, |i, j| {
         let worn = j == 1 && ((30..45).contains(&i) || (100..170).contains(&i));
@@ -87,7 +87,7 @@ fn whatever_came_when_the_same_is_settled() {
 
 #[test]
 fn windows_find_what_the_whole_finds() {
-    // a boundary may move what a scatter is learnt from, not what is plain
+    // a boundary may change a learnt scatter, but not clear results
     let history = life(240);
     let of = |all: &[&Anomaly]| -> Vec<_> {
         let mut found: Vec<_> =
@@ -104,7 +104,7 @@ fn windows_find_what_the_whole_finds() {
 
 #[test]
 fn wear_behind_one_test_of_long_ago_is_one_anomaly_and_goes_on() {
-    // no test after the first one: the level stands on logs that every later window has to read
+    // no test after the first one: the level depends on logs that every later window has to read
     let mut history = history(400, |i, j| (wobble(i, j) + if j == 1 && i >= 60 { 0.5 } else { 0.0 }, USUAL));
     history.iter_mut().for_each(|log| log.reference_run_id = 1000);
     let mut known = Vec::new();
@@ -135,6 +135,6 @@ fn a_log_against_two_tests_is_one_run() {
     assert!(is_over(&settled, &all[..80], &SHORT) && !is_over(&settled, &all[..79], &SHORT));
     let (next, _) = next(&settled, &all[..80], &[], &SHORT);
     assert_eq!((next.runs, next.leads_from.map(|(_, run_id)| run_id)), (40, Some(21)));
-    // the first logs behind each of the three tests before those that lead in
+    // the first logs after each of the three tests before the lead-in
     assert_eq!(next.read, [1, 2, 3, 4, 5, 6, 10, 11, 12, 13, 14, 15, 20]);
 }

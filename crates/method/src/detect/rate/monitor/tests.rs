@@ -52,7 +52,7 @@ fn phases_follow_each_other_and_a_prior_takes_the_first() {
 #[test]
 fn a_short_history_raises_fewer_alarms_than_were_asked_for() {
     for freedom in [None, Some(4.0)] {
-        // the first forty values of a series, ten of which are expected to alarm in a run length of 80
+        // the first forty values of 2000 series: 1000 alarms are expected at a run length of 80
         let found = alarms(0.0, freedom, 80.0, 0, OWN_FROM, 2000);
         assert!(found > 0 && (found as f64) < 1000.0 * 0.8, "{freedom:?}: {found}");
     }
@@ -68,9 +68,9 @@ fn the_rate_is_the_one_asked_for_with_memory_and_without() {
     assert!(found < 600.0, "{found}");
 }
 
-/// Rates of 0.2, 1, 5 and 20 a year of 2920 values (daily tests of eight cycles) are held within half and one and a half
-/// times, for the autocorrelations 0, 0.3, 0.6 and 0.9 with normal values, and with t(4) where 1,000 values are learnt from;
-/// with fewer, t(4) may have less. A rate of 0.2 a year has 80 alarms in 400 series-years.
+/// Rates of 0.2, 1, 5 and 20 per year of 2920 values (daily tests of eight cycles) are within half and one and a half
+/// times, for the autocorrelations 0, 0.3, 0.6 and 0.9 with normal values, and with t(4) after 1,000 learnt values;
+/// with fewer, t(4) may have less. A rate of 0.2 per year has 80 alarms in 400 series-years.
 #[test]
 #[ignore = "realised rates of 16,080 series-years, 55 million values: some minutes"]
 fn rates_keep_their_bounds() {
@@ -81,7 +81,7 @@ fn rates_keep_their_bounds() {
                 for learnt in [OWN_FROM, 320, 1000] {
                     let found = alarms(correlation, freedom, 2920.0 / per_year, learnt, 2920, series) as f64;
                     let asked = per_year * series as f64;
-                    // two standard errors of the count beside the bound
+                    // two standard errors of the count in addition to the bound
                     let most = 1.5 * asked;
                     let least = if freedom.is_some() && learnt < 1000 { 0.0 } else { 0.5 } * asked;
                     if found > most + 2.0 * most.sqrt() || found < least - 2.0 * least.sqrt() {

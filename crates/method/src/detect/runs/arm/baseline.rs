@@ -1,4 +1,4 @@
-//! The first runs of an arm: usual values of its figures, and what faults of channels do to its parameters.
+//! The first runs of an arm: usual values of its quantities, and the effect of channel faults on its parameters.
 
 use nalgebra::DVector;
 
@@ -9,36 +9,37 @@ use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultRes
 use armwatch_model::anomaly::{RunParameter, RunSummary};
 use armwatch_model::robot::{JointIndex, ParameterId, shares_of_link};
 
-/// A single deviation counts no more than this many squared: beyond, all models are wrong.
+/// Upper limit of a single squared deviation: beyond it, all models are wrong.
 pub(super) const MOST_CHI_SQUARE: f64 = 2000.0;
 /// Least standard deviation of a parameter from run to run, as a fraction of it.
 const LEAST_DEVIATION: f64 = 1e-3;
-/// Least standard deviation of the logarithm of the unexplained rest from run to run.
+/// Least standard deviation of the logarithm of the unexplained torque from run to run.
 const LEAST_RMSD_DEVIATION: f64 = 0.05;
 /// Least standard deviation of the logarithm of a channel's noise from run to run.
 const LEAST_NOISE_DEVIATION: f64 = 0.05;
 
-/// Mean square of the changes of a first run, as a multiple of the median of these runs, from which on it is no scatter: the arm was
-/// another one then, as with a load.
+/// Least mean square of the changes of a first run, as a multiple of the median of these runs, that is more than
+/// scatter: the arm was different then, for example with a load.
 const ODD_RUN: f64 = 25.0;
 
-/// Standard deviations by which a figure of a torque signal differs from the usual one, from which on it is looked at.
+/// Least deviation of a value of a torque signal from the usual one that counts, in standard deviations.
 pub(super) const SIGNAL_DEVIATIONS: f64 = 8.0;
 /// Least offset of a torque signal, as a fraction of the joint's friction.
 pub(super) const LEAST_OFFSET: f64 = 0.03;
-/// Least ratio of the unexplained rest to the usual one.
+/// Least ratio of the unexplained torque to the usual one.
 pub(in crate::detect::runs) const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least ratio of a channel's noise to the usual one.
 pub(in crate::detect::runs) const LEAST_NOISE_RATIO: f64 = 1.5;
 
-/// Scatter of a parameter over the cycles of a run, as a multiple of that of the first runs, from which on it counts.
+/// Least scatter of a parameter over the cycles of a run that widens the deviations, as a multiple of that of the first
+/// runs.
 const FAR_MORE: f64 = 2.0;
 
-/// Change of the parameters by a fault of size 1, in their standard deviations, that is none but for rounding: as of a
-/// constant torque, which the offset column of a friction law takes whole.
+/// Change of the parameters by a fault of size 1, in their standard deviations, that is only rounding: for example of a
+/// constant torque if the friction law has an offset column.
 const LEAST_DIRECTION: f64 = 1e-6;
 
-/// A figure of the first runs: the usual value and its deviation from run to run.
+/// A value of the first runs: the usual one and its deviation from run to run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Usual {
     pub(super) value: f64,
@@ -46,8 +47,8 @@ pub(super) struct Usual {
 }
 
 impl Usual {
-    /// Of the first `count` values, or of those before a change that lasts, where `is_change` of the values before and behind it,
-    /// with how many these are. `least` is the least deviation.
+    /// From the first `count` values, or from those before a lasting change, if `is_change` holds for the levels before
+    /// and after it; also returns the number of values used. `least` is the least deviation.
     fn of(
         values: impl Iterator<Item = f64>,
         count: usize,
@@ -67,7 +68,7 @@ impl Usual {
             [] => robust_deviation(usual).unwrap_or(0.0),
             _ => least * (mean(&levels.mean_squares()).unwrap_or(0.0) / levels.freedom()).sqrt(),
         };
-        // that of the median itself is a part of the deviation from it
+        // the deviation from the median includes that of the median itself
         let own = (1.0 + std::f64::consts::FRAC_PI_2 / usual.len() as f64).sqrt();
         Some((Self { value: median(usual)?, deviation: own * scatter.max(least) }, usual.len()))
     }
@@ -77,32 +78,32 @@ impl Usual {
     }
 }
 
-/// The first runs of an arm, of like length.
+/// The first runs of an arm, of similar length.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Baseline {
-    /// Tests that the usual parameters are medians of.
+    /// Number of tests whose median is the usual parameter.
     tests: usize,
-    /// Usual value and deviation of each inertial parameter, with what it stands for.
+    /// Usual value and deviation of each inertial parameter, with its shares of the last link's parameters.
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
-    /// How much more than their deviations the parameters of the first runs vary, squared.
+    /// Variance of the parameters over the first runs, as a multiple of their squared deviations.
     inflation: f64,
-    /// Changes of the parameters in groups of the first runs, for example of alternating tools; empty if all are alike. A run
-    /// is compared with the nearest group.
+    /// Changes of the parameters in groups of the first runs, for example of alternating tools; empty if all are alike.
+    /// A run is compared with the nearest group.
     groups: Vec<DVector<f64>>,
     /// Friction of each joint, Nm (N).
     pub(super) friction: Vec<Option<f64>>,
     pub(super) offsets: Vec<Option<Usual>>,
-    /// RMS torque of each joint, Nm (N). Unexplained torque and noise of every run are fractions of it: friction changes
-    /// with the season, and what neither grows nor falls with it must not seem to.
+    /// RMS torque of each joint, Nm (N). Unexplained torque and noise of every run are fractions of it: friction
+    /// changes with the season, and a constant torque must not seem to change with it.
     torque: Vec<Option<f64>>,
     pub(super) rmsd: Vec<Option<Usual>>,
-    /// Logarithm of the noise of the torque channels, where all of the first runs have it.
+    /// Logarithm of the noise of the torque channels, if all first runs have it.
     pub(super) noise: Vec<Option<Usual>>,
-    /// What faults of channels do to the parameters; empty where no test says it. Faults that move none are left out.
+    /// Effects of channel faults on the parameters; empty if no test has them. Faults without an effect are omitted.
     pub(super) directions: Vec<Direction>,
 }
 
-/// What one fault of a channel does, by its size.
+/// Effect of one fault of a channel, per size 1.
 #[derive(Debug, Clone)]
 pub(super) struct Direction {
     pub(super) joint: JointIndex,
@@ -111,14 +112,14 @@ pub(super) struct Direction {
     pub(super) strength: usize,
     /// Change of the parameters, in their standard deviations.
     pub(super) change: DVector<f64>,
-    /// Change that comes with a fault of this strength whatever its size and sign, likewise; zero where it is not known.
+    /// Change by a fault of this strength that does not depend on its size and sign, in the same unit; zero if unknown.
     pub(super) shift: DVector<f64>,
     /// Unexplained torque of each joint, as a fraction of its torque.
     pub(super) unexplained: Vec<f64>,
 }
 
 impl Baseline {
-    /// Of these tests, of which the first [`Self::tests`] have a part in it.
+    /// The baseline of these tests; only the first [`Self::tests`] are used.
     pub(super) fn of(
         history: &[&RunSummary],
         response: Option<&ChannelResponse>,
@@ -158,7 +159,7 @@ impl Baseline {
         found
     }
 
-    /// How many of these tests, from the first on, have a part in it.
+    /// Number of these tests, from the first on, that are used.
     pub(super) fn tests(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> usize {
         let properties = |run: &RunSummary, has_all: bool| -> Vec<bool> {
             let of_joint = |joint| [offsets(run, joint).len() > 1, rmsd(run, joint).is_some()];
@@ -186,7 +187,7 @@ impl Baseline {
         Usual::of(values, count, LEAST_RMSD_DEVIATION, is_change).map(|(usual, _)| usual)
     }
 
-    /// Usual noise in the first runs with an RMSD; `None` if one of them has no noise, because an earlier program did not
+    /// Usual noise in the first runs with an RMSD; `None` if one of them has no noise, since an earlier version did not
     /// measure it.
     fn usual_noise(&self, history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Usual> {
         let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
@@ -212,12 +213,12 @@ impl Baseline {
         torque(run, joint).zip(usual).map_or(1.0, |(torque, usual)| torque / usual)
     }
 
-    /// Variance of the usual parameters in the variances of a run.
+    /// Variance of the usual parameters relative to the variances of a run.
     pub(super) fn own_variance(&self) -> f64 {
         std::f64::consts::FRAC_PI_2 / self.tests.max(2) as f64
     }
 
-    /// Empty where the response lacks a parameter, as that of another description does.
+    /// Returns no directions if the response lacks a parameter, as that of another description does.
     fn directions(&self, response: &ChannelResponse) -> Vec<Direction> {
         let place =
             |(id, ..): &(ParameterId, Usual, [f64; 10])| response.parameters.iter().position(|of| of == id);
@@ -241,10 +242,10 @@ impl Baseline {
         self.parameters[row].1.deviation * self.inflation.sqrt()
     }
 
-    /// The same for a run whose cycles disagree about a parameter by far more than those of the first runs, and by how
-    /// much the standard deviation of each parameter is larger then; `None` for other runs. A joint whose torque reads
-    /// wrong has little weight in the estimate, so that its parameters are known badly: that they differ is no pattern
-    /// of anything.
+    /// The baseline for a run whose cycles disagree about a parameter by far more than those of the first runs, with
+    /// the factor on the standard deviation of each parameter; `None` for other runs. A joint with a wrong torque
+    /// signal has little weight in the estimate, so its parameters are uncertain: their differences are no pattern of a
+    /// fault.
     pub(super) fn widened(&self, run: &RunSummary) -> Option<(Self, DVector<f64>)> {
         let by = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
             let of = run.parameters.iter().find(|of| of.id == *id);
@@ -266,7 +267,7 @@ impl Baseline {
         Some((widened, by))
     }
 
-    /// Deviations of the inertial parameters of a run, in standard deviations; `None` where it lacks one.
+    /// Deviations of the inertial parameters of a run, in standard deviations; `None` if it lacks one.
     pub(super) fn change(&self, run: &RunSummary) -> Option<DVector<f64>> {
         if self.parameters.is_empty() {
             return None;
@@ -283,7 +284,7 @@ impl Baseline {
 }
 
 impl Usual {
-    /// With how many tests it is of.
+    /// Usual offset of a joint, and the number of tests used.
     fn of_offsets(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<(Self, usize)> {
         let runs: Vec<Vec<f64>> =
             history.iter().map(|run| offsets(run, joint)).filter(|of| of.len() > 1).take(count).collect();
@@ -296,7 +297,8 @@ impl Usual {
     }
 }
 
-/// Usual value and deviation of each parameter of the first run that has some, with what it stands for: those that `count` runs have.
+/// Usual value, deviation and shares of the last link of each parameter of the first run that has parameters, if
+/// `count` runs have it.
 fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, Usual, [f64; 10])> {
     let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
     let first = history.iter().find(|run| !run.parameters.is_empty());
@@ -310,7 +312,7 @@ fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, 
             own.iter().map(|of| of.std_dev / f64::from(of.cycles).sqrt()).filter(|s| s.is_finite()).collect();
         let least =
             median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
-        // errors of single runs are known well, deviations of a few runs are not: these are pooled
+        // errors of single runs are exact enough, deviations of a few runs are not: these are pooled
         let means: Vec<f64> = own.iter().map(|of| of.mean).collect();
         let value = median(&means).filter(|_| means.len() == count)?;
         let usual =
@@ -321,8 +323,8 @@ fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, 
 }
 
 /// Means of the groups of the first runs. Runs whose changes differ by less than [`ODD_RUN`] in the mean square are one
-/// group. Empty in three cases: fewer than two groups have two runs (scatter, or one odd run), no group recurs (a lasting
-/// change), or one group has most runs (the usual one).
+/// group. Empty in three cases: fewer than two groups have two runs (scatter, or one odd run), no group recurs (a
+/// lasting change), or one group has most runs (the usual one).
 fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
     let is_near =
         |a: &DVector<f64>, b: &DVector<f64>| (a - b).norm_squared() <= ODD_RUN * a.len().max(1) as f64;

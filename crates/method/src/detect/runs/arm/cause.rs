@@ -1,70 +1,71 @@
-//! Why the arm of a run differs from that of the first runs.
+//! Causes of the difference between the arm of a run and that of the first runs.
 
 use serde::{Deserialize, Serialize};
 
 use armwatch_model::robot::JointIndex;
 
-/// Least mass that is called a load, kg.
+/// Least mass that is reported as a load, kg.
 const LEAST_MASS: f64 = 0.1;
-/// Standard error of a mass, kg, from which on the test says nothing of it: no joint carries the last link's weight.
+/// Least standard error of a mass, kg, that means the test does not show the mass: no joint carries the last link's
+/// weight.
 const UNSEEN_MASS: f64 = 2.0;
 
-/// Why the arm of a run differs from that of the first runs.
+/// Cause of the difference between the arm of a run and that of the first runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) enum ArmCause {
-    /// It does not.
+    /// No difference.
     None,
     /// A body at the last link.
     Load(Load),
-    /// The torque signal of a joint.
+    /// A wrong torque signal of a joint.
     TorqueSignal { joint: JointIndex, fault: SignalFault },
-    /// The position signal of a joint reads too much by so many rad (m).
+    /// The position signal of a joint has this offset, rad (m).
     PositionSignal { joint: JointIndex, offset: f64 },
-    /// The motor of a joint feels what no rigid arm with its friction does, so many times the usual, and the channel's noise
-    /// does not tell why: play, a loose part, a damaged gear.
+    /// The motor of a joint has a torque that a rigid arm with friction does not have. It is `ratio` times the usual,
+    /// and the noise of the channel does not explain it: play, a loose part, a damaged gear.
     UnexplainedTorque { joint: JointIndex, ratio: f64 },
-    /// The torque signals of most joints have so many times the usual noise, on average.
+    /// The torque signals of most joints have more noise: mean multiple of the usual.
     NoiseOfAll(f64),
     /// Parameters changed in another way.
     Unknown,
 }
 
-/// A body at the last link, or one taken away where the mass is negative.
+/// A body at the last link, or a removed one if the mass is negative.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct Load {
     /// Mass, kg.
     pub(in crate::detect::runs) mass: f64,
     /// Its standard error, kg.
     pub(in crate::detect::runs) std_error: f64,
-    /// Centre in the frame of the last link, m; means something where the motion shows the mass.
+    /// Centre in the frame of the last link, m; meaningless if the motion does not show the mass.
     pub(in crate::detect::runs) centre: [f64; 3],
 }
 
 impl Load {
-    /// Whether the motion shows the mass. Where it does not, other parameters of the load still show that there is one.
+    /// Returns true if the motion shows the mass. If not, other parameters of the load still show that there is one.
     pub(in crate::detect::runs) fn has_seen_mass(&self) -> bool {
         self.std_error < UNSEEN_MASS
     }
 
-    /// Whether a mass that the motion shows is so many standard errors.
+    /// Returns true if the mass is at least `mass_errors` standard errors, or if the motion does not show it.
     pub(in crate::detect::runs) fn is_at_least(&self, mass_errors: f64) -> bool {
         !self.has_seen_mass() || self.mass.abs() >= LEAST_MASS.max(mass_errors * self.std_error)
     }
 }
 
-/// What is wrong with a torque signal.
+/// Fault of a torque signal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) enum SignalFault {
-    /// Friction does not turn over evenly: half the sum of both directions, Nm (N), beyond the usual.
+    /// Friction is not symmetric: half the sum of both directions, Nm (N), beyond the usual.
     Offset(f64),
-    /// Noise, as a multiple of the usual. Of tests whose noise is not known: torque that the model does not explain.
+    /// Noise, as a multiple of the usual. In tests with unknown noise: torque that the model does not explain.
     Noise(f64),
     /// The joint's own parameters have changed by this fraction.
     Gain(f64),
 }
 
 impl ArmCause {
-    /// Whether people know both as one fault: of the same signal or joint, whatever its size.
+    /// Returns true if both are one fault to users: of the same signal or joint, whatever its size.
     pub(in crate::detect::runs) fn is_same_fault(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Load(_), Self::Load(_))
@@ -90,7 +91,7 @@ impl ArmCause {
         }
     }
 
-    /// What it would be, in words that follow "rather than".
+    /// Description of the cause, in words that follow "rather than".
     pub(in crate::detect::runs) fn words(&self) -> String {
         match self {
             Self::None => "no change of the arm".into(),

@@ -1,34 +1,35 @@
-//! How the inertial parameters of a run, or of some runs together, differ from those of the first runs.
+//! Difference of the inertial parameters of a run, or of several runs together, from those of the first runs.
 
 use nalgebra::DVector;
 
 use super::baseline::{Direction, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS};
 use super::price::{ARM_MARGIN, CHANNEL_PRICE, PARAMETER_PRICE};
 
-/// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
-/// deviations badly, and nothing of a season.
+/// Least mean square of the deviations of all parameters that counts as a change. A baseline of a few runs has
+/// uncertain deviations, and does not contain the seasons.
 pub(super) const LEAST_MEAN_SQUARE: f64 = 25.0;
-/// Latest runs in whose mean a change is looked for that one run does not show.
+/// Most of the latest runs that are averaged to find a change that one run does not show.
 pub(super) const MOST_TOGETHER: usize = 8;
-/// Part of a mean change that the latest run has itself.
+/// Least part of a mean change that the latest run has itself.
 const LEAST_OWN: f64 = 0.5;
-/// Ratio of a change along one direction below which no rate of false alarms asks for it: twice the margin, and the prices.
+/// Least ratio of a change along one direction, for every rate of false alarms: twice the margin, and the prices.
 const LEAST_RATIO: f64 = 2.0 * ARM_MARGIN + CHANNEL_PRICE + PARAMETER_PRICE;
 
-/// How the inertial parameters differ from those of the first runs.
+/// Difference of the inertial parameters from those of the first runs.
 pub(super) struct Change {
-    /// In their standard deviations.
+    /// Deviations in the standard deviations of the parameters.
     pub(super) deviations: DVector<f64>,
-    /// These are as many times as large as those of one run, since they are of the mean of several.
+    /// Factor of these deviations over those of one run, since they are of the mean of several.
     pub(super) scale: f64,
-    /// What of the square counts: zero where it is no change.
+    /// The part of the square that counts: zero if it is no change.
     pub(super) square: f64,
 }
 
 impl Change {
-    /// Of the latest run, whose change is the last of `changes`; `None` where it has no parameters. What one run does not
-    /// show is looked for in the mean of the latest runs: where that points along a fault, it comes with the ratio by
-    /// which it does. `own_variance` is that of the baseline in the variances of a run.
+    /// The change of the latest run, which is the last of `changes`; `None` if it has no parameters. If one run does
+    /// not show a change, the means of the latest runs are compared with the directions of faults: those along a
+    /// direction are returned with their ratio. `own_variance` is that of the baseline relative to the variances of a
+    /// run.
     pub(super) fn of(
         changes: &[Option<&DVector<f64>>],
         directions: &[Direction],
@@ -36,7 +37,7 @@ impl Change {
     ) -> (Option<Self>, Vec<(f64, Self)>) {
         let Some(latest) = changes.last().copied().flatten().cloned() else { return (None, Vec::new()) };
         let chi_square: f64 = latest.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum();
-        // what chance makes of so many parameters is no change
+        // changes that chance explains for this number of parameters do not count
         if chi_square > LEAST_MEAN_SQUARE * latest.len() as f64 {
             return (Some(Self { deviations: latest, scale: 1.0, square: chi_square }), Vec::new());
         }
@@ -60,17 +61,17 @@ impl Change {
     }
 }
 
-/// Returns true if the run alone agrees with the mean of it and earlier runs. A load that was put down would otherwise count
-/// by half.
+/// Returns true if the run alone agrees with the mean of it and earlier runs. A load that was put down would otherwise
+/// count by half.
 fn shows(latest: &DVector<f64>, mean: &DVector<f64>) -> bool {
     let size = mean.norm();
     let own = latest.dot(mean) / size.max(f64::MIN_POSITIVE);
     own >= LEAST_OWN * size || size - own < SIGNAL_DEVIATIONS
 }
 
-/// For a change that is small but points where one fault of a channel moves the parameters: by how much more of it than by
-/// chance, and its square in the variance of what that fault leaves. A season moves the parameters more than their errors
-/// say, but in no such direction, so the first is an F ratio, for which the scale of the errors does not matter.
+/// For a small change along the direction of one channel fault: the F ratio of its part along the direction, and its
+/// square relative to the variance of the remaining part. A season moves the parameters more than their errors, but in
+/// no such direction. The scale of the errors does not matter for an F ratio.
 fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> (f64, f64) {
     let rest = |of: &Direction| {
         let along = of.change.dot(change);

@@ -1,4 +1,4 @@
-//! Faults of channels whose change of the parameters is known but for its size.
+//! Channel faults whose effect on the parameters is known except for its size.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -11,17 +11,19 @@ use armwatch_model::analysis::response::{ChannelFault, STRENGTHS};
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Part of a change that a direction may miss. It is computed from the motion: a load, which has more unknowns, must not be
-/// taken for it.
+/// Part of a change that may differ from a direction. The direction is computed from the motion: a load, which has more
+/// unknowns, must not be found instead.
 const DIRECTION_ERROR: f64 = 0.015;
 
-/// Part of an offset that the friction stage may see turned round: the model of the cycle takes all of it there, or hardly more.
+/// Part of an offset that the friction stage may show with the opposite sign: the model of the cycle absorbs all of it
+/// there, or slightly more.
 const TURNED: f64 = 0.1;
 
-/// Least part of what an offset does to the parameters at a known strength: how far the estimate trusts its joint is known badly.
+/// Least part of the effect of an offset on the parameters at a known strength: the weight of its joint in the estimate
+/// is uncertain.
 const LEAST_ANSWER: f64 = 0.3;
 
-/// What faults of channels are held against.
+/// Data with which channel faults are compared.
 pub(super) struct Shown<'a> {
     pub(super) change: &'a Change,
     pub(super) signals: &'a [Signal],
@@ -57,7 +59,7 @@ impl Shown<'_> {
         found
     }
 
-    /// With the size that explains most of the change, and with the shift or without.
+    /// The fault with the size that explains most of the change, with or without the shift.
     fn along(&self, direction: &Direction) -> (ArmCause, f64) {
         let Change { deviations, scale, .. } = self.change;
         let with = |part: f64| {
@@ -70,7 +72,7 @@ impl Shown<'_> {
         if shifted.1 < without.1 { shifted } else { without }
     }
 
-    /// Of a strength between two that are known, by least squares along both: a parameter more.
+    /// The fault at a strength between two known ones, by least squares along both: one more parameter.
     fn between(&self, weak: &Direction, strong: &Direction) -> Option<(ArmCause, f64)> {
         let deviations = &self.change.deviations;
         let (a, b) = (&weak.change, &strong.change);
@@ -84,9 +86,9 @@ impl Shown<'_> {
         })
     }
 
-    /// An offset of a torque of which the friction stage sees a part, by the torque that it leaves unexplained: this gives
-    /// its size, and so the strength at which parameters answer to it. A large offset hardly moves them, since the estimate
-    /// trusts that joint no more.
+    /// An offset that the friction stage shows in part, from the torque that it leaves unexplained. This gives its
+    /// size, and so the strength for the effect on the parameters. A large offset hardly moves them, since the estimate
+    /// gives that joint little weight.
     fn offset_by_rest(&self, strengths: &[&Direction]) -> Option<(ArmCause, f64)> {
         let (first, last) = (strengths.first()?, strengths.last()?);
         let (joint, signal) = (first.joint, &self.signals[first.joint.index()]);
@@ -127,7 +129,7 @@ impl Shown<'_> {
     }
 
     /// Variance of the deviations of the parameters about the best multiple of a direction, one at least: seasons move
-    /// parameters more than their errors say.
+    /// parameters more than their errors.
     fn variance(&self, direction: &Direction) -> f64 {
         let Change { deviations, square, .. } = self.change;
         let all = deviations.norm_squared();
@@ -139,8 +141,8 @@ impl Shown<'_> {
         (left / (deviations.len() as f64 - 1.0).max(1.0)).max(1.0)
     }
 
-    /// What a fault of this size leaves of the change of the parameters, with this part of the shift. Of a change that does
-    /// not count, it is what the fault adds to it.
+    /// Residual of the change of the parameters after a fault of this size, with this part of the shift. If the change
+    /// does not count, it is the increase by the fault.
     fn rest(&self, direction: &Direction, size: f64, part: f64) -> f64 {
         let Change { deviations, scale, square } = self.change;
         let all = deviations.norm_squared();
@@ -152,11 +154,11 @@ impl Shown<'_> {
         (left - DIRECTION_ERROR * expected.norm_squared() - all).max(0.0) / self.variance(direction)
     }
 
-    /// What it leaves of the torque signals, and its price. The rest of `known` is accounted for.
+    /// Residual of the torque signals plus the price of the fault. The residual of `known` is accounted for.
     fn signals(&self, direction: &Direction, size: f64, known: Option<JointIndex>) -> f64 {
         let mut cost = CHANNEL_PRICE + PARAMETER_PRICE;
         for (other, signal) in self.signals.iter().enumerate() {
-            // gravity in another posture than is believed is an offset of every joint that carries it
+            // a wrong position changes gravity and is an offset of every joint that carries it
             cost += match direction.fault {
                 ChannelFault::PositionOffset => 0.0,
                 ChannelFault::TorqueOffset if other == direction.joint.index() => 0.0,
@@ -182,14 +184,15 @@ impl Shown<'_> {
     }
 }
 
-/// By how much a fault leaves more or less of its own joint's torque than there is, `now`, in units of chi².
+/// Difference between the expected unexplained torque of the fault's own joint and that of the run, `now`, in units of
+/// chi².
 fn missed(expected: f64, now: f64, usual: &Usual) -> f64 {
     let error = usual.deviation.hypot(PATTERN_ERROR);
     ((expected / now).ln() / error).powi(2).min(MOST_CHI_SQUARE)
 }
 
-/// Square of a change that a constant torque of a joint does not explain; zero where no test says what that does to the
-/// parameters, and where the rest is no more than seasons make.
+/// Square of a change that a constant torque of a joint does not explain; zero if no test has its effect on the
+/// parameters, or if the residual is within the effect of seasons.
 pub(super) fn offset_rest(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
     if baseline.directions.is_empty() {
         return 0.0;
@@ -217,13 +220,13 @@ fn cause(direction: &Direction, size: f64) -> ArmCause {
     }
 }
 
-/// Price of a shift that is taken into account.
+/// Price of an assumed shift.
 fn price_of_shift(part: f64) -> f64 {
     if part > 0.0 { PARAMETER_PRICE } else { 0.0 }
 }
 
 impl Direction {
-    /// The part of the shift, at most all of it, that explains most of a change together with the fault.
+    /// The part of the shift, between none and all, that explains most of a change together with the fault.
     fn shifted(&self, change: &Change) -> f64 {
         let Change { deviations, scale, .. } = change;
         let (a, b) = (&self.change, &self.shift);
@@ -233,7 +236,7 @@ impl Direction {
         if part.is_finite() { part.clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// A mean of this one and another of the same fault, which has a weight of `part`.
+    /// Mean of this direction and another of the same fault, which has the weight `part`.
     fn mixed(&self, other: &Self, part: f64) -> Self {
         let both = |a: f64, b: f64| (1.0 - part) * a + part * b;
         let unexplained =
@@ -248,8 +251,8 @@ impl Direction {
         }
     }
 
-    /// At a strength between this one's and that of a stronger one. One over the change is linear in the square of the
-    /// strength: so falls the weight of the joint's rows.
+    /// The direction at a strength between this one's and that of a stronger one. The inverse of the change is linear
+    /// in the square of the strength, since the weight of the joint's rows falls that way.
     fn at_strength(&self, stronger: &Self, times: f64) -> Self {
         let [from, to] = [self, stronger].map(|of| STRENGTHS[of.strength].powi(2));
         let way = (times * times - from) / (to - from);
@@ -257,7 +260,7 @@ impl Direction {
         self.mixed(stronger, strong / (weak + strong))
     }
 
-    /// At a strength beyond this one's, the largest that is known, whose weight is small already.
+    /// The direction beyond the largest known strength, which is this one's: its weight is small already.
     fn beyond(&self, times: f64) -> Self {
         let known = 1.0 + STRENGTHS[self.strength].powi(2);
         let change = &self.change * (known / (1.0 + times * times));

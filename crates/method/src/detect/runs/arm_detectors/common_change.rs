@@ -1,10 +1,10 @@
 //! Thermal: friction of all joints changes together.
 //!
-//! One joint wears alone. What the hall or the lubricant does beyond the friction index, most joints show in the same
-//! run. The common part of a joint's friction is the median over the *other* joints of the logarithm of friction over
-//! its baseline. It is taken from the joint's own friction, with 40 % of it as a standard deviation since joints differ
-//! in their sensitivity, so that it is no drift or step of each of them. A common part of 10 % or more, smoothed over
-//! the tests, is said once, of the arm: worth knowing, and a warning from 20 % on.
+//! One joint wears alone. Effects of ambient temperature or lubricant beyond the correction of the friction index show
+//! in most joints in the same run. The common part of a joint's friction is the median over the *other* joints of the
+//! logarithm of friction over its baseline. It is subtracted from the joint's own friction, so that it is no drift or
+//! step of each joint. Its standard deviation is 40 % of it, since joints differ in their sensitivity. A common part of
+//! 10 % or more, smoothed over the tests, is reported once for the arm: `info`, and a warning from 20 % on.
 
 use jiff::Timestamp;
 
@@ -17,14 +17,14 @@ use crate::statistics::descriptive::median;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Severity};
 
-/// Fewest other joints whose median is no single joint's affair.
+/// Fewest other joints whose median does not depend on a single one.
 const FEWEST_OTHERS: usize = 3;
-/// Smoothed common part, a fraction of friction, that is worth knowing, and one that is a warning.
+/// Smoothed common part, a fraction of friction, for the severities info and warning.
 const INFO: f64 = 0.10;
 const WARNING: f64 = 0.20;
 
-/// The part of each joint's friction that the other joints share, in logarithms, by joint and run; 0 where too few of
-/// them are known.
+/// The part of each joint's friction that the other joints share, in logarithms, by joint and run; 0 if too few of them
+/// are known.
 pub(in crate::detect::runs) fn common_parts(histories: &[FrictionHistory], runs: usize) -> Vec<Vec<f64>> {
     let ratios: Vec<Vec<Option<(f64, f64)>>> = histories.iter().map(|of| ln_ratios(of, runs)).collect();
     let of = |joint: usize, run: usize| {
@@ -35,7 +35,7 @@ pub(in crate::detect::runs) fn common_parts(histories: &[FrictionHistory], runs:
         }
         let values: Vec<f64> = found.iter().map(|(value, _)| *value).collect();
         let middle = median(&values).unwrap_or(0.0);
-        // the median's own error: a small one is more noise than signal
+        // error of the median: a small median is more noise than signal
         let error = std::f64::consts::FRAC_PI_2 * found.iter().map(|(_, variance)| variance).sum::<f64>()
             / (found.len() * found.len()) as f64;
         middle * middle * middle / (middle * middle + error)
@@ -43,7 +43,7 @@ pub(in crate::detect::runs) fn common_parts(histories: &[FrictionHistory], runs:
     (0..histories.len()).map(|joint| (0..runs).map(|run| of(joint, run)).collect()).collect()
 }
 
-/// Logarithm of each run's measured friction over the baseline, with the variance that it has by itself.
+/// Logarithm of each run's measured friction over the baseline, with its own variance.
 fn ln_ratios(history: &FrictionHistory, runs: usize) -> Vec<Option<(f64, f64)>> {
     let mut found = vec![None; runs];
     for of in &history.runs {
@@ -52,8 +52,8 @@ fn ln_ratios(history: &FrictionHistory, runs: usize) -> Vec<Option<(f64, f64)>> 
     found
 }
 
-/// Anomalies of the friction that all joints share. `histories` has one entry a joint, `faults` the fault of the arm in each run,
-/// `runs` key and start of each.
+/// Anomalies of the friction that all joints share. `histories` has one entry per joint, `faults` the fault of the arm
+/// in each run, `runs` key and start of each.
 pub(in crate::detect::runs) fn common_changes(
     histories: &[FrictionHistory],
     faults: &[Option<ArmCause>],
@@ -111,7 +111,7 @@ mod tests {
     use armwatch_model::anomaly::{AnomalyKind, RunSummary, Severity};
     use armwatch_model::robot::JointIndex;
 
-    /// Daily tests of six joints whose index in a run is given.
+    /// Daily tests of six joints with given indexes.
     fn history(runs: usize, index: impl Fn(usize, usize) -> f64) -> Vec<RunSummary> {
         let joint = |run: usize, j: usize| {
             let wobble = 1.0 + 0.5 * (wobble(run * 7 + j * 5) - 1.0);
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_hall_that_moves_all_joints_is_one_word_about_the_arm() {
-        // joints differ in how much the hall moves them
+        // joints differ in their sensitivity to ambient temperature
         let hall = |run: usize, j: usize| if run >= 10 { 1.16 + 0.02 * j as f64 } else { 1.0 };
         let found = detect(&history(20, hall), &DetectSettings::default());
         let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
@@ -140,7 +140,7 @@ mod tests {
             (AnomalyKind::Thermal, None, Severity::Warning)
         );
         assert!((anomaly.value - 1.21).abs() < 0.02, "{anomaly:?}");
-        // below, it is nobody's
+        // a smaller change is not reported
         let small = |run: usize, j: usize| if run >= 10 { 1.05 + 0.01 * j as f64 } else { 1.0 };
         assert_eq!(detect(&history(20, small), &DetectSettings::default()).anomalies, vec![]);
     }
@@ -170,7 +170,7 @@ mod tests {
             let found = detect(&runs, &DetectSettings::default());
             let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
             assert_eq!(anomaly.joint, Some(JointIndex::new(worn)));
-            // the tests of the rise, and two more at most
+            // during the rise, or at most two tests later
             assert!(anomaly.first_run_id <= runs[22].run_id, "{anomaly:?}");
         }
         assert_eq!(detect(&excited(6), &DetectSettings::default()).anomalies, vec![]);

@@ -1,18 +1,18 @@
 //! Contact: something pushes or holds the arm for a part of one cycle.
 //!
-//! The quantity is the moving relative RMSD of a joint over a whole cycle, all stages, under the cycle's own parameters: a
-//! push of seconds is in it wherever in the cycle it comes, and in no other cycle. How far a cycle stands out is the
-//! logarithm of its RMSD over the larger one of the cycles before and after. A cold arm fits badly in its first cycle,
-//! better in the second, and so on: that is no peak. So the first cycle of a test is never judged, the second only if it
-//! is worse than the cold first one, and none without accepted neighbours or after a pause.
+//! The quantity is the moving relative RMSD of a joint over a whole cycle, all stages, under the cycle's own
+//! parameters. A push of seconds shows in it anywhere in the cycle, and only in that cycle. The distance of a cycle
+//! from its neighbours is the logarithm of its RMSD over the larger one of the cycles before and after. A cold arm fits
+//! badly in its first cycle, better in the second, and so on: that is no peak. So the first cycle of a test is never
+//! checked, the second only if it is worse than the cold first one, and none without accepted neighbours or after a
+//! pause.
 //!
-//! A cycle is out if it stands out by a half at least, by more than chance at the rate of false alarms that is asked for
-//! (Student's distribution with the joint's own scatter about its neighbours), and by half as much again as any cycle
-//! of the latest 1,600 did. If all joints stand out, the arm was cold, and nothing is said. A test in which friction
-//! of the joint most likely steps or swings has its cause already.
+//! A cycle is out if its RMSD exceeds its neighbours by a half at least, by more than chance at the set rate of false
+//! alarms (Student's distribution with the joint's own scatter about its neighbours), and by half as much again as in
+//! any of the latest 1,600 cycles. If all joints are out, the arm was cold, and nothing is reported. A test whose
+//! likeliest cause for the joint is a step or swing of friction has its cause already.
 //!
-//! This is no [`Detector`](crate::detect::detector::Detector): a push loads several joints, and one alarm names
-//! them.
+//! This is no [`Detector`](crate::detect::detector::Detector): a push loads several joints, and one alarm names them.
 
 use std::collections::VecDeque;
 
@@ -30,41 +30,41 @@ use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
 
-/// Least factor by which a cycle stands out of its neighbours.
+/// Least ratio of a cycle to its neighbours.
 const LEAST_RATIO: f64 = 1.5;
-/// The same as a multiple of how far any earlier cycle stood out, in logarithms.
+/// Least distance as a multiple of the largest distance of earlier cycles, in logarithms.
 const BEYOND_EARLIER: f64 = 1.5;
 /// Least standard deviation of a cycle about its neighbours, in logarithms.
 const LEAST_SPREAD: f64 = 0.05;
-/// Fewest cycles that say what is usual, and the latest that do.
+/// Fewest and most cycles for the usual scatter.
 const FEWEST_CYCLES: usize = 24;
 const MOST_CYCLES: usize = 400;
-/// The latest cycles of which the furthest one is remembered.
+/// Number of latest cycles whose largest distance is remembered.
 const MOST_PEAKS: usize = 1600;
 
-/// How cycles of a joint usually stand out of their neighbours.
+/// Usual distances of a joint's cycles from their neighbours.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct UsualPeaks {
-    /// Distances of the latest tests, as many tests as have [`MOST_CYCLES`] of them.
+    /// Distances by test, for as many latest tests as contain [`MOST_CYCLES`] distances.
     tests: VecDeque<Vec<f64>>,
-    /// Distances of these tests.
+    /// Number of distances in `tests`.
     count: usize,
-    /// Cycles of the latest tests, as many as have [`MOST_PEAKS`], and how far one of each test stood out at most.
+    /// Number of cycles and largest distance by test, for as many latest tests as contain [`MOST_PEAKS`] cycles.
     peaks: VecDeque<(usize, f64)>,
-    /// Cycles of these tests.
+    /// Number of cycles in `peaks`.
     peak_count: usize,
 }
 
-/// How cycles of all joints usually stand out, in the tests so far.
+/// Usual distances of the cycles of all joints, in the tests so far.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(in crate::detect::runs) struct UsualContacts {
     joints: Vec<UsualPeaks>,
 }
 
-/// A cycle that stands out, in one joint.
+/// A cycle of one joint that exceeds its neighbours.
 struct Peak {
     cycle: u32,
-    /// By how much, in logarithms, and the least that counts.
+    /// Its distance and the least distance that counts, in logarithms.
     by: f64,
     least: f64,
     value: f64,
@@ -72,12 +72,12 @@ struct Peak {
 }
 
 impl UsualContacts {
-    /// Before any test of a robot of so many joints.
+    /// Initial state for a robot with this number of joints.
     pub(in crate::detect::runs) fn new(joints: usize) -> Self {
         Self { joints: vec![UsualPeaks::default(); joints] }
     }
 
-    /// Of these tests, oldest first.
+    /// Usual distances of these tests, oldest first.
     pub(in crate::detect::runs) fn of(runs: &[RunSummary], joints: usize) -> Self {
         let mut usual = Self::new(joints);
         runs.iter().for_each(|run| usual.learn(peaks(run, joints)));
@@ -101,13 +101,13 @@ impl UsualContacts {
         }
     }
 
-    /// Whether a cycle of a test may stand out of its neighbours by more than any one before.
+    /// Returns true if a cycle of a test may exceed its neighbours by more than any earlier one.
     fn may_stand_out(&self, peaks: &[Peaks]) -> bool {
         let least = |usual: &UsualPeaks| LEAST_RATIO.ln().max(BEYOND_EARLIER * usual.furthest());
         self.joints.iter().zip(peaks).any(|(usual, of)| of.furthest >= least(usual))
     }
 
-    /// The cycle of a test that stands out most, by joint.
+    /// The cycle of a test with the largest distance, by joint.
     fn peaks(&self, run: &RunSummary, alpha: f64) -> Vec<(JointIndex, Option<Peak>)> {
         let pauses = pauses(run);
         let of = |(joint, usual): (usize, &UsualPeaks)| {
@@ -123,7 +123,7 @@ impl UsualContacts {
 }
 
 impl UsualPeaks {
-    /// Remembers a test with so many cycles between others.
+    /// Remembers a test with this number of inner cycles.
     fn remember(&mut self, cycles: usize, furthest: f64) {
         self.peaks.push_back((cycles, furthest));
         self.peak_count += cycles;
@@ -135,12 +135,12 @@ impl UsualPeaks {
         }
     }
 
-    /// How far a cycle stood out at most.
+    /// Largest distance of a remembered cycle.
     fn furthest(&self) -> f64 {
         self.peaks.iter().map(|(_, furthest)| *furthest).fold(0.0, f64::max)
     }
 
-    /// The latest ones, oldest first.
+    /// The latest distances, oldest first.
     fn distances(&self) -> Vec<f64> {
         let mut found: Vec<f64> = self.tests.iter().flatten().copied().collect();
         found.drain(..found.len().saturating_sub(MOST_CYCLES));
@@ -159,7 +159,7 @@ impl UsualPeaks {
             if pauses.contains(&cycle) {
                 return None;
             }
-            // the cycles beside this one have it in their own distances
+            // the distances of the adjacent cycles contain this one
             let others = (1..cycles.0.len() - 1).filter(|other| other.abs_diff(place) > 1);
             let own: Vec<f64> = others.filter_map(|other| cycles.distances(other)).map(|of| of.0).collect();
             let mut all = self.distances();
@@ -183,12 +183,13 @@ impl UsualPeaks {
 
 /// A contact in one test.
 struct Contact {
-    /// The joint, where it is one's alone.
+    /// The joint, if only one is affected.
     joint: Option<JointIndex>,
     verdict: Verdict,
 }
 
-/// What one test shows, at `place` of the history. `causes` are the likeliest ones of its friction curves, by joint.
+/// The contact in one test, at `place` of the history. `causes` are the likeliest ones of its friction curves, by
+/// joint.
 fn contact(
     usual: &UsualContacts,
     run: &RunSummary,
@@ -197,7 +198,8 @@ fn contact(
     alpha: f64,
 ) -> Option<Contact> {
     let peaks = usual.peaks(run, alpha);
-    // friction that jumps inside a cycle leaves more of it, and the next cycle is the first odd one
+    // a jump of friction inside a cycle raises its residual, and the next cycle is the first odd one of the friction
+    // curve
     let is_free = |joint: JointIndex, peak: &Peak| match causes.get(joint.index()).copied().flatten() {
         Some(Cause::Step { .. } | Cause::Scatter(_)) => false,
         Some(Cause::OddCycle { cycle, .. }) => cycle == peak.cycle,
@@ -248,7 +250,7 @@ fn contact(
     })
 }
 
-/// Probability of a false alarm that the channel has with each test.
+/// Probability of a false alarm of this channel per test.
 pub(in crate::detect::runs) fn alpha(
     history: &[RunSummary],
     joints: usize,
@@ -258,8 +260,8 @@ pub(in crate::detect::runs) fn alpha(
     Budget::new(settings.false_alarms_per_robot_year, joints, &starts).alpha()
 }
 
-/// Contacts in complete tests that are compared with each other, oldest first. `causes` are those of the friction curves,
-/// by joint and run.
+/// Contacts in complete tests that are compared with each other, oldest first. `causes` are those of the friction
+/// curves, by joint and run.
 pub(in crate::detect::runs) fn contacts(
     history: &[RunSummary],
     causes: &[Vec<Option<RunCause>>],
@@ -286,7 +288,7 @@ pub(in crate::detect::runs) fn contacts(
     anomalies(&found, history, moments)
 }
 
-/// The contact in a test that is still being written at this moment. `alpha` is the probability of a false alarm.
+/// The contact in a test that is still being written. `alpha` is the probability of a false alarm.
 pub(in crate::detect::runs) fn open_contact(
     usual: &UsualContacts,
     alpha: f64,

@@ -18,43 +18,42 @@ use armwatch_model::analysis::friction::CycleFriction;
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Likelihood, in logarithms, that causes together must be able to gain for any of them to be looked for.
+/// Least possible gain in log-likelihood over all causes for a search of causes.
 const LEAST_EVIDENCE: f64 = 3.0;
 
-/// What the complete runs of a robot say of the curves of its joints.
+/// Usual curves of the joints, from the complete runs of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::detect::runs) struct UsualCurves {
     /// By joint.
     pub(in crate::detect::runs) joints: Vec<UsualCurve>,
-    /// Of what all joints share; `None` before there are two runs that count for every joint.
+    /// Usual part that all joints share; `None` before two runs count for every joint.
     of_arm: Option<Usual>,
-    /// Advantage over no cause, in logarithms, that a cause needs.
+    /// Least advantage over no cause, in logarithms.
     pub(in crate::detect::runs) least_advantage: f64,
 }
 
-/// Why the friction curves of one run differ from the usual ones.
+/// Causes of the differences between the friction curves of one run and the usual ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct RunCauses {
-    /// By joint.
+    /// Causes by joint.
     pub(in crate::detect::runs) of_joints: Vec<Option<RunCause>>,
-    /// Of what all joints share.
+    /// Cause of the part that all joints share.
     pub(in crate::detect::runs) of_arm: Option<RunCause>,
 }
 
-/// What they say of the curve of a joint.
+/// Usual curve of a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::detect::runs) struct UsualCurve {
     /// `None` before there are two runs.
     usual: Option<Usual>,
     /// Usual scatter of one cycle about a smooth curve.
     scatter: f64,
-    /// The speed levels that count: those of most cycles of the first run.
+    /// The compared speed levels: those of most cycles of the first run.
     levels: Option<CycleFriction>,
 }
 
 impl UsualCurves {
-    /// The usual curves of these runs, oldest first. Runs after the first `baseline_runs` long ones of each joint have no
-    /// part in them.
+    /// The usual curves of these runs, oldest first. Only the first `baseline_runs` long runs of each joint are used.
     pub(in crate::detect::runs) fn of(
         history: &[RunSummary],
         joints: usize,
@@ -74,8 +73,8 @@ impl UsualCurves {
         Self { joints: joints.map(of).collect(), of_arm, least_advantage }
     }
 
-    /// The cause of the curve of each joint of a whole run, and of what all joints share; `None` where the run has no curve or
-    /// nothing to compare it with.
+    /// The cause of the curve of each joint of a whole run, and of the part that all joints share; `None` if the run
+    /// has no curve or nothing to compare it with.
     pub(in crate::detect::runs) fn causes(&self, run: &RunSummary) -> RunCauses {
         let curves = self.curves(run);
         let differences = self.differences(&curves);
@@ -103,24 +102,24 @@ impl UsualCurves {
         RunCauses { of_joints: curves.iter().enumerate().map(of).collect(), of_arm }
     }
 
-    /// Of what all joints share, held against what is usual of it.
+    /// The cause of the part that all joints share, compared with the usual part.
     fn of_arm_against(&self, usual: &Usual, shared: &Curve) -> RunCause {
         let differences: Vec<(u32, f64)> =
             shared.iter().map(|point| (point.cycle, point.ln_torque)).collect();
         let of_hall = of_hall(shared, &usual.template);
         let cause = against(usual, shared, &differences, (&of_hall, HALL_SPREAD), self.least_advantage);
-        // the first cycle tells of the hall, and of the warmth at the start
+        // the first cycle depends on the ambient temperature and on the temperature at the start
         let common = shared.first().map_or(0.0, |first| first.ln_torque);
         RunCause { warm_up: cause.warm_up.map(|of| WarmUpOfRun { common, ..of }), ..cause }
     }
 
-    /// Writes all that judgements follow from, numbers to their last bit; without [`Self::least_advantage`], which is asked of what
-    /// is found.
+    /// Writes all inputs of judgements, with all bits of each number; without [`Self::least_advantage`], which is
+    /// applied to the results.
     pub(in crate::detect::runs) fn write(&self, to: &mut impl Write) -> fmt::Result {
         write!(to, "{:?}{:?}", self.joints, self.of_arm)
     }
 
-    /// What a run says of a joint that is compared with nothing; `None` where it has too few cycles.
+    /// The cause of a joint's curve without a comparison; `None` if it has too few cycles.
     fn by_itself(&self, joint: &UsualCurve, curve: &Curve) -> Option<RunCause> {
         (curve.len() >= within_run::FEWEST_CYCLES).then(|| {
             let judged = within_run::judge(curve, joint.scatter, PRIOR);
@@ -132,7 +131,7 @@ impl UsualCurves {
         self.joints.iter().enumerate().map(|(j, of)| curve_at(run, j, of.levels)).collect()
     }
 
-    /// How the curves of one run differ from the usual ones, by joint; empty where there is no usual one.
+    /// Differences of the curves of one run from the usual ones, by joint; empty without a usual one.
     fn differences(&self, curves: &[Curve]) -> Vec<Vec<(u32, f64)>> {
         let of = |(joint, curve): (&UsualCurve, &Curve)| {
             joint.usual.as_ref().map_or_else(Vec::new, |usual| usual.template.difference(curve))
@@ -141,8 +140,8 @@ impl UsualCurves {
     }
 }
 
-/// Of a run with this curve, held against what is usual. `differences` are those from the usual curve, `common` the
-/// part of them that all joints share, with the standard deviation of the joint's share.
+/// The cause of a run with this curve, compared with the usual one. `differences` are those from the usual curve.
+/// `common` is the part of them that all joints share, with the standard deviation of the joint's share.
 fn against(
     usual: &Usual,
     curve: &Curve,
@@ -175,7 +174,7 @@ fn against(
     RunCause { effect, warm_up, ..RunCause::of(&judged, *scatter, curve.len(), least_advantage) }
 }
 
-/// The curve of a joint, of the cycles that have these speed levels, or the usual ones of the run itself.
+/// The curve of a joint, of the cycles with these speed levels, or with the usual ones of the run itself.
 fn curve_at(run: &RunSummary, joint: usize, levels: Option<CycleFriction>) -> Curve {
     let joint = JointIndex::new(joint);
     levels.or_else(|| usual_levels(run, joint)).map_or_else(Vec::new, |levels| curve(run, joint, &levels))

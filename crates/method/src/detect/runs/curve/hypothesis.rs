@@ -1,11 +1,11 @@
-//! Causes that a curve may differ for, and how well each explains it.
+//! Causes of the difference of a curve, and their likelihoods.
 //!
-//! The differences `d` of a run from the usual curve are held against few-parameter patterns: nothing, a factor, an
+//! The differences `d` of a run from the usual curve are compared with few-parameter patterns: nothing, a factor, an
 //! excess at the start, another time constant of the warm-up, a step at a cycle, one odd cycle, scatter from cycle to
-//! cycle. With each come random effects: a part that all joints have in common (hall, lubricant), whose coefficient is
-//! near one, and a level and an excess at the start of the run's own, as large as the joint's first runs have them. A
-//! cause is judged by its maximal likelihood with the price of its parameters (Schwarz 1978): `ln p = -chi²/2 -
-//! k/2 ln n` with a prior of the cause.
+//! cycle. All patterns include random effects. One is a part that all joints have in common (ambient temperature,
+//! lubricant), whose coefficient is near one. The others are a level and an excess at the start of the run itself, as
+//! large as in the joint's first runs. The criterion is the maximal likelihood with the price of the parameters
+//! (Schwarz 1978): `ln p = -chi²/2 - k/2 ln n` with a prior of the cause.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -13,44 +13,44 @@ use serde::{Deserialize, Serialize};
 use super::template::{self, Template};
 use armwatch_model::analysis::Estimate;
 
-/// Logarithm of the prior odds of one named cause against none, of one joint in one run: one in a thousand.
+/// Logarithm of the prior odds of one named cause against none, per joint and run: one in a thousand.
 pub(super) const PRIOR: f64 = -7.0;
-/// Part of the largest difference that the patterns may miss: they are models.
+/// Tolerance of patterns, as a part of the largest difference: they are models.
 const PATTERN_ERROR: f64 = 0.05;
-/// Standard deviation of a cycle's difference under a cause that is not known.
+/// Standard deviation of a cycle's difference under an unknown cause.
 const ANYTHING: f64 = 0.3;
-/// Price of such a cause, in parameters: any named one that fits is likelier.
+/// Price of an unknown cause, in parameters: any named one that fits is likelier.
 const UNKNOWN_PARAMETERS: f64 = 3.0;
-/// Factors of the slow time constant that are tried.
+/// Tried factors of the slow time constant.
 const FACTORS: [f64; 12] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.6, 2.0, 2.5, 3.0];
 /// Largest size of a slow decay, as a multiple of the usual excess at the start.
 const MOST_EXCESS: f64 = 1.5;
-/// Least scatter that is a cause of its own, as a multiple of the usual.
+/// Least scatter as a separate cause, as a multiple of the usual.
 const LEAST_SCATTER_FACTOR: f64 = 2.0;
 
-/// Why a curve differs from the usual one.
+/// Cause of the difference between a curve and the usual one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) enum Cause {
-    /// It does not.
+    /// No difference.
     None,
     /// Friction is larger by the same factor in all cycles; its natural logarithm.
     Scale(f64),
-    /// The joint began colder or warmer; as a part of the usual excess.
+    /// The joint began colder or warmer; change as a part of the usual excess.
     Start(f64),
-    /// The slow time constant of the warm-up is so many times as long.
+    /// Factor of the slow time constant of the warm-up.
     TimeConstant(f64),
-    /// Friction jumps with this cycle by this logarithm.
+    /// Friction jumps with this cycle by `size`, a logarithm.
     Step { cycle: u32, size: f64 },
-    /// Friction of this cycle alone is off by this logarithm.
+    /// Friction of this cycle alone is off by `size`, a logarithm.
     OddCycle { cycle: u32, size: f64 },
     /// Friction varies from cycle to cycle with this standard deviation, in logarithms.
     Scatter(f64),
-    /// None of these explains it.
+    /// None of these.
     Unknown,
 }
 
 impl Cause {
-    /// What it would be, in words that follow "rather than".
+    /// Description of the cause, in words that follow "rather than".
     pub(in crate::detect::runs) fn words(&self) -> String {
         match self {
             Self::None => "no change".into(),
@@ -82,34 +82,36 @@ pub(super) struct Evidence<'a> {
     pub(super) minutes: &'a [f64],
     /// Differences from the usual curve.
     pub(super) differences: &'a [f64],
-    /// What the other joints have in common, and the standard deviation of the joint's share in it, about one. Of what all joints
-    /// share: what the hall does to it.
+    /// The common part of the other joints, and the standard deviation of the joint's share in it, about one. For the
+    /// part that all joints share: the effect of ambient temperature on it.
     pub(super) common: &'a [f64],
     pub(super) common_spread: f64,
     /// Standard deviation of one cycle.
     pub(super) scatter: f64,
-    /// What runs of the joint differ in without a cause.
+    /// Differences between runs of the joint that have no cause.
     pub(super) random: RandomEffects,
 }
 
-/// Standard deviations of what runs of a joint differ in without a cause, beyond what all joints have in common.
+/// Standard deviations of the differences between runs of a joint without a cause, beyond the common part of all
+/// joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RandomEffects {
-    /// Of the level, in logarithms of friction.
+    /// Standard deviation of the level, in logarithms of friction.
     pub(super) level: f64,
-    /// Of the excess of each decay at the start, as a part of the usual excess.
+    /// Standard deviation of the excess of each decay at the start, as a part of the usual excess.
     pub(super) start: f64,
 }
 
-/// What is believed of a joint, and of what all joints share, before runs say otherwise, and how many runs this belief is worth.
-/// A hall moves all joints by more than runs of one of them differ in otherwise.
+/// Priors of the random effects of a joint, and of the part that all joints share, and the number of runs that a prior
+/// is worth. Ambient temperature moves all joints by more than runs of one of them differ otherwise.
 pub(super) const USUAL_OF_JOINT: RandomEffects = RandomEffects { level: 0.01, start: 0.05 };
 pub(super) const USUAL_OF_ARM: RandomEffects = RandomEffects { level: 0.03, start: 0.05 };
 const BELIEF_RUNS: f64 = 3.0;
 
 impl RandomEffects {
-    /// From the runs of the baseline, `(minutes, differences without the common part)` of each, shrunk towards what is
-    /// `believed`; and the standard deviation of a cycle about them, `None` where no cycle is left to tell it.
+    /// Estimates from the runs of the baseline, `(minutes, differences without the common part)` of each, shrunk
+    /// towards `believed`. Also returns the standard deviation of a cycle about them, `None` without remaining degrees
+    /// of freedom.
     pub(super) fn of(
         runs: &[(Vec<f64>, Vec<f64>)],
         template: &Template,
@@ -136,7 +138,7 @@ impl RandomEffects {
         let [level, start] = effects;
         let random =
             Self { level: deviation(believed.level, &level), start: deviation(believed.start, &start) };
-        // the usual curve is the mean of these runs: it has taken a part of their scatter, and errs by as much
+        // the usual curve is the mean of these runs: it contains a part of their scatter, and has as much error
         let runs = runs.len() as f64;
         let inflation = (runs + 1.0) / (runs - 1.0);
         let scatter = (freedom > 0.0 && runs > 1.0).then(|| (squares / freedom * inflation).sqrt());
@@ -146,7 +148,7 @@ impl RandomEffects {
 
 impl Evidence<'_> {
     /// Every cause with its posterior, the likeliest first. `prior` is the logarithm of the odds of any named cause
-    /// against none. Where no cause could gain `least` in likelihood, in logarithms, there is none.
+    /// against none. If no cause could gain `least` in log-likelihood, the only result is no cause.
     pub(super) fn judge(&self, template: &Template, prior: f64, least: f64) -> Vec<Judged> {
         let n = self.cycles.len();
         let price = 0.5 * (n as f64).ln();
@@ -170,8 +172,8 @@ impl Evidence<'_> {
                 add(Cause::TimeConstant(factor), likelihood, parameters);
             }
         }
-        // one cycle alone is no level; the cycles before are the usual curve's, or those from the step on where the
-        // usual curve is of later runs
+        // one cycle alone is no level; the cycles before the step are the usual curve's, or those after it if the usual
+        // curve is of later runs
         for first in 1..n.saturating_sub(1) {
             let after = DVector::from_fn(n, |i, _| f64::from(u8::from(i >= first)));
             let before = after.add_scalar(-1.0);
@@ -193,11 +195,11 @@ impl Evidence<'_> {
         found
     }
 
-    /// The likeliest factor of the slow time constant, with the logarithm of its likelihood and its parameters.
+    /// The likeliest factor of the slow time constant, with its log-likelihood and its number of parameters.
     ///
-    /// A test of some cycles tells badly how its warm-up divides into a fast and a slow decay. So the slow one may have
-    /// another time constant and size than in the usual curve, at the price of two parameters. The factor is then the one
-    /// that moves the usual curve by as much.
+    /// A test of some cycles determines the division of its warm-up into a fast and a slow decay badly. So the slow
+    /// decay may have another time constant and another size than in the usual curve, at the price of two parameters.
+    /// The result is the factor that moves the usual curve by as much.
     fn slowed(&self, template: &Template, weighed: &Weighed) -> Option<(f64, f64, f64)> {
         let n = self.cycles.len();
         let slower = |factor: f64| DVector::from_fn(n, |i, _| template.slower(factor, self.minutes[i]));
@@ -232,11 +234,11 @@ impl Evidence<'_> {
         }
     }
 
-    /// Natural logarithm of the factor of the slow time constant, with its standard error, whatever the level is. `None`
-    /// without a slow decay.
+    /// Natural logarithm of the factor of the slow time constant, with its standard error, independent of the level.
+    /// `None` without a slow decay.
     ///
-    /// A first-order fit: its error is normal where the factor is one. The factor is then the one that such a fit takes
-    /// for its size, within those that are tried.
+    /// It is a first-order fit: its error is normal if the factor is one. The result is the tried or interpolated
+    /// factor that gives such a fit this size.
     pub(super) fn warm_up(&self, template: &Template) -> Option<Estimate> {
         let n = self.cycles.len();
         let level = RandomEffects { level: ANYTHING, ..self.random };
@@ -257,20 +259,20 @@ impl Evidence<'_> {
             true => between(size, shorter.iter().rev().map(|factor| fitted(*factor))),
             false => between(size, longer.iter().map(|factor| fitted(*factor))),
         };
-        // a run that the fit leaves more of than usual says less; level and factor were taken from its cycles
+        // a run with a larger residual than usual is less certain; level and factor were fitted to its cycles
         let freedom = n.saturating_sub(2).max(1) as f64;
         let rest = (weighed.chi_square - size * size * own) / freedom;
         Some(Estimate { value, std_error: (rest.max(1.0) / own).sqrt() })
     }
 
-    /// Standard deviation of one cycle, with what patterns may miss.
+    /// Standard deviation of one cycle, including the error of patterns.
     fn sigma(&self) -> f64 {
         let largest = self.differences.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
         self.scatter.hypot(PATTERN_ERROR * largest)
     }
 
-    /// The differences beyond the common part, with the covariance that scatter and random effects give them: the share
-    /// in what is common beyond one, level, excess of each decay.
+    /// The differences beyond the common part, with their covariance from scatter and random effects: deviation of the
+    /// share in the common part from one, level, excess of each decay.
     fn weighed(&self, template: &Template) -> Option<Weighed> {
         let n = self.cycles.len();
         let sigma = self.sigma();
@@ -311,7 +313,8 @@ impl Evidence<'_> {
     }
 }
 
-/// The value at `at` on the lines through zero and these points, which go away from zero; at most that of the last point.
+/// Linear interpolation at `at` through zero and these points, which are in order of distance from zero; constant after
+/// the last point.
 fn between(at: f64, points: impl Iterator<Item = (f64, f64)>) -> f64 {
     let mut from = (0.0, 0.0);
     for to in points {
@@ -373,7 +376,7 @@ mod tests {
         (1..=12).map(&mut point).collect()
     }
 
-    /// The factor's logarithm that each of so many runs says, against a usual curve of many runs.
+    /// Logarithm of the factor from each of `count` runs, against a usual curve of many runs.
     fn said(factor: f64, count: usize) -> Vec<Estimate> {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let usual: Vec<Curve> = (0..200).map(|_| run(&mut rng, 2.0, 1.0)).collect();
@@ -402,7 +405,7 @@ mod tests {
         let count = scores.len() as f64;
         let mean = scores.iter().sum::<f64>() / count;
         let deviation = (scores.iter().map(|z| z * z).sum::<f64>() / count).sqrt();
-        // the level's pattern error widens what is said; the usual curve's own error shifts it by 0.07
+        // the error of the pattern widens the standard errors; the usual curve's own error shifts the mean by 0.07
         assert!(mean.abs() < 0.3 && (0.2..1.15).contains(&deviation), "{mean} {deviation}");
     }
 

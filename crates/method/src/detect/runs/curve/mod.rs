@@ -1,5 +1,5 @@
-//! Friction of a joint over the cycles of a run: a curve that falls while the joint warms. Which cause explains how it
-//! differs from the curve of the joint's first runs, also where only several runs together show it.
+//! Friction of a joint over the cycles of a run: a curve that falls while the joint warms. The modules find the cause
+//! of its difference from the curve of the joint's first runs, even if only several runs together show it.
 
 pub(super) mod template;
 pub(super) mod hypothesis;

@@ -1,11 +1,11 @@
-//! The curves of a robot's runs, and what their joints have in common.
+//! The curves of a robot's runs, and the common part of their joints.
 
 use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::friction::CycleFriction;
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Fewest joints whose median is what a hall or a lubricant does to all of them.
+/// Fewest joints whose median is the effect of ambient temperature or lubricant on all of them.
 const FEWEST_IN_COMMON: usize = 3;
 
 /// Friction of a joint in one cycle.
@@ -13,22 +13,23 @@ const FEWEST_IN_COMMON: usize = 3;
 pub(in crate::detect::runs) struct CurvePoint {
     /// Number of the cycle, from 1.
     pub(in crate::detect::runs) cycle: u32,
-    /// Since the start of the recording, min.
+    /// Time since the start of the recording, min.
     pub(in crate::detect::runs) minute: f64,
-    /// Natural logarithm of friction, of Nm (N).
+    /// Natural logarithm of friction in Nm (N).
     pub(in crate::detect::runs) ln_torque: f64,
 }
 
 /// Friction of a joint over the cycles of one run, in their order; empty without friction points.
 pub(in crate::detect::runs) type Curve = Vec<CurvePoint>;
 
-/// The curves of a joint, one a run. Cycles with other speed levels than [`usual_levels`] of its first run are left out.
+/// The curves of a joint, one per run. Cycles with other speed levels than [`usual_levels`] of its first run are
+/// omitted.
 pub(in crate::detect::runs) fn curves(history: &[RunSummary], joint: JointIndex) -> Vec<Curve> {
     let levels = history.iter().find_map(|run| usual_levels(run, joint));
     history.iter().map(|run| levels.map_or_else(Vec::new, |levels| curve(run, joint, &levels))).collect()
 }
 
-/// The curve of a joint in a run, of the cycles that have these speed levels.
+/// The curve of a joint in a run, of the cycles with these speed levels.
 pub(super) fn curve(run: &RunSummary, joint: JointIndex, levels: &CycleFriction) -> Curve {
     of_joint(run, joint)
         .filter(|(_, of)| of.compares_with(levels))
@@ -36,12 +37,12 @@ pub(super) fn curve(run: &RunSummary, joint: JointIndex, levels: &CycleFriction)
         .collect()
 }
 
-/// A cycle with the speed levels that most cycles of a joint have in a run, the first ones where there are as many of others: a
-/// plateau may be missing in a cycle. `None` of a run without friction of the joint.
+/// A cycle with the speed levels of most cycles of a joint in a run, or the earliest such levels in case of a tie: a
+/// plateau may be missing in a cycle. `None` if the run has no friction of the joint.
 pub(super) fn usual_levels(run: &RunSummary, joint: JointIndex) -> Option<CycleFriction> {
     let alike =
         |of: &CycleFriction| of_joint(run, joint).filter(|(_, other)| of.compares_with(other)).count();
-    // the last of the largest is the first cycle
+    // `max_by_key` returns the last maximum, and the order is reversed
     of_joint(run, joint).map(|(_, of)| of).rev().max_by_key(alike)
 }
 
@@ -54,7 +55,7 @@ pub(super) fn of_joint(
     own.map(|of| (of.cycle, of.friction))
 }
 
-/// What the other joints have in common at each of these cycles: the median of their differences, by cycle. Zero with
+/// The common part of the other joints at each of these cycles: the median of their differences, by cycle. Zero with
 /// too few of them.
 pub(in crate::detect::runs) fn common_part(others: &[&[(u32, f64)]], cycles: &[u32]) -> Vec<f64> {
     let at = |cycle: &u32| {
@@ -67,8 +68,9 @@ pub(in crate::detect::runs) fn common_part(others: &[&[(u32, f64)]], cycles: &[u
     cycles.iter().map(at).collect()
 }
 
-/// What all joints share in the cycles of a run: mean minute and the median of the joints' differences, of each cycle that enough
-/// joints have. `curves` and `differences` have an entry a joint, the latter empty where it has no usual curve.
+/// The part that all joints share in the cycles of a run: mean minute and median of the joints' differences, for each
+/// cycle with enough joints. `curves` and `differences` have one entry per joint; `differences` is empty without a
+/// usual curve.
 pub(super) fn shared(curves: &[&Curve], differences: &[&[(u32, f64)]]) -> Curve {
     let mut cycles: Vec<u32> = differences.iter().flat_map(|of| of.iter().map(|(cycle, _)| *cycle)).collect();
     cycles.sort_unstable();

@@ -1,4 +1,4 @@
-//! What explains the curve of one run, and when that is clear.
+//! The cause of the curve of one run, and the criteria for a clear cause.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,48 +9,48 @@ use armwatch_model::analysis::Estimate;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Alternative, RunSummary};
 
-/// Advantage of a named cause over none, in logarithms, beyond what the rate of false alarms asks for: curves are not
-/// exactly of the form that is assumed.
+/// Advantage of a named cause over none, in logarithms, in addition to the part for the rate of false alarms: curves do
+/// not have exactly the assumed form.
 const CURVE_MARGIN: f64 = 7.0;
-/// Least advantage over the next cause of another kind; of a step, which scatter looks like now and then.
+/// Least advantage over the next cause of another kind; more for a step, since scatter sometimes looks like one.
 const LEAST_LEAD: f64 = 3.0;
 const LEAST_LEAD_OF_STEP: f64 = 8.0;
 /// Least step, scatter and effect of another time constant, as fractions of friction.
 const LEAST_STEP: f64 = 0.05;
 pub(super) const LEAST_SCATTER: f64 = 0.03;
-/// Evidence of one run for another time constant that counts at most, over several runs.
+/// Upper limit of the evidence of one run for another time constant, in sums over several runs.
 const MOST_OF_ONE_RUN: f64 = 12.0;
 const LEAST_SLOWING: f64 = 0.015;
 
-/// Why the curve of a joint differs from its usual one in a run.
+/// Cause of the difference between the curve of a joint in a run and the usual one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct RunCause {
-    /// The best cause of each kind, the likeliest first; the likeliest alone where none can be clear.
+    /// The best cause of each kind, the likeliest first; only the likeliest if none can be clear.
     pub(in crate::detect::runs) kinds: Vec<Kind>,
-    /// How much likelier than no change the likeliest is, and than the next kind, in logarithms.
+    /// Advantage of the likeliest cause over no change, in logarithms; `lead` is that over the next kind.
     pub(in crate::detect::runs) advantage: f64,
     pub(in crate::detect::runs) lead: f64,
-    /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause
-    /// of another kind, in logarithms, without the prior; `None` where it was not looked for.
+    /// The factor of the slow time constant that explains the run best, with its advantage over the best cause of
+    /// another kind, in logarithms, without the prior; `None` if it was not fitted.
     pub(in crate::detect::runs) slowing: Option<(f64, f64)>,
-    /// What it says of the warm-up, if nothing else has changed; `None` of runs that are held against no usual curve.
+    /// The warm-up of the run if nothing else has changed; `None` without a usual curve.
     pub(in crate::detect::runs) warm_up: Option<WarmUpOfRun>,
     /// Usual scatter of one cycle.
     pub(in crate::detect::runs) scatter: f64,
     /// Largest effect of the winning cause on a cycle.
     pub(in crate::detect::runs) effect: f64,
-    /// Cycles.
+    /// Number of cycles.
     pub(in crate::detect::runs) cycles: usize,
-    /// Least advantage over none, in logarithms, of a cause that is clear.
+    /// Least advantage of a clear cause over none, in logarithms.
     pub(in crate::detect::runs) least_advantage: f64,
 }
 
-/// What a run says of a joint's warm-up.
+/// Warm-up of a joint in a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct WarmUpOfRun {
     /// Natural logarithm of the factor of the slow time constant.
     pub(in crate::detect::runs) ln_factor: Estimate,
-    /// Mean change of friction that all joints have in common, in logarithms.
+    /// Mean change of friction common to all joints, in logarithms.
     pub(in crate::detect::runs) common: f64,
 }
 
@@ -62,13 +62,13 @@ pub(in crate::detect::runs) struct Kind {
     pub(in crate::detect::runs) weight: f64,
 }
 
-/// Advantage over no cause, in logarithms, that a cause of a run's curve needs.
+/// Least advantage of a cause of a run's curve over no cause, in logarithms.
 pub(in crate::detect::runs) fn least_advantage(history: &[RunSummary], settings: &DetectSettings) -> f64 {
     CURVE_MARGIN + advantage(settings, history)
 }
 
 impl RunCause {
-    /// Of a run with these causes, the likeliest first.
+    /// The cause of a run from these causes, the likeliest first.
     pub(super) fn of(judged: &[Judged], scatter: f64, cycles: usize, least_advantage: f64) -> Self {
         let best = judged.first().map_or(0.0, |first| first.log_posterior);
         let mut kinds: Vec<Kind> = Vec::new();
@@ -80,7 +80,7 @@ impl RunCause {
             }
         }
         let advantage = advantage_of(judged);
-        // what nobody asks for
+        // the others are not needed
         if advantage < CURVE_MARGIN && !matches!(kinds.first(), Some(of) if is_time_constant(&of.cause)) {
             kinds.truncate(1);
         }
@@ -97,7 +97,7 @@ impl RunCause {
         }
     }
 
-    /// Of a run in which nothing changed.
+    /// The cause of a run without a change.
     #[cfg(test)]
     pub(in crate::detect::runs) fn of_nothing() -> Self {
         Self::of(&[Judged { cause: Cause::None, log_posterior: 0.0 }], 0.01, 8, 30.0)
@@ -108,8 +108,8 @@ impl RunCause {
         self.kinds.first().map_or(Cause::None, |first| first.cause)
     }
 
-    /// The likeliest cause where it is clear and large enough to be worth a word: steps, scatter and other time
-    /// constants. Another level of friction is judged over runs, not in one.
+    /// The likeliest cause if it is clear and large enough to be reported: steps, scatter and other time constants.
+    /// Another level of friction is evaluated over several runs, not in one.
     pub(in crate::detect::runs) fn clear(&self) -> Option<Cause> {
         let cause = self.likeliest();
         let size = match cause {
@@ -125,17 +125,19 @@ impl RunCause {
         (size >= 1.0 && clear).then_some(cause)
     }
 
-    /// Whether the likeliest cause is likelier than no change by what curves of other forms may make.
+    /// Returns true if the likeliest cause is likelier than no change by more than the error of the assumed form of
+    /// curves.
     pub(in crate::detect::runs) fn is_beyond_margin(&self) -> bool {
         self.advantage >= CURVE_MARGIN
     }
 
-    /// Whether the clear cause is so also for a joint that is known to scatter: scatter has no price there for being rare.
+    /// Returns true if the clear cause is also clear for a joint with known scatter: scatter has no price for rarity
+    /// there.
     pub(in crate::detect::runs) fn is_clear_where_it_scatters(&self) -> bool {
         self.lead >= LEAST_LEAD_OF_STEP - PRIOR
     }
 
-    /// Whether scatter that is worth a word explains the run about as well as the likeliest cause, clear or not.
+    /// Returns true if scatter of reportable size explains the run about as well as the likeliest cause, clear or not.
     pub(in crate::detect::runs) fn may_scatter(&self) -> bool {
         let close = |of: &Kind| of.weight >= (-LEAST_LEAD).exp();
         self.kinds
@@ -143,7 +145,7 @@ impl RunCause {
             .any(|of| matches!(of.cause, Cause::Scatter(size) if size >= LEAST_SCATTER) && close(of))
     }
 
-    /// Advantage over no cause, in logarithms, that a cause needs.
+    /// Least advantage of a cause over no cause, in logarithms.
     pub(in crate::detect::runs) fn needed(&self) -> f64 {
         self.least_advantage
     }
@@ -158,8 +160,8 @@ impl RunCause {
         self.kinds.first().map_or_else(Vec::new, |first| self.others(first))
     }
 
-    /// Odds of another level of friction in all cycles against all other causes together, and the best of each other kind;
-    /// `None` where the run is too near the usual for causes to be told apart.
+    /// Odds of another level of friction in all cycles against all other causes together, and the best of each other
+    /// kind; `None` if the run is too near the usual curve to distinguish causes.
     pub(in crate::detect::runs) fn odds_of_level(&self) -> Option<(f64, Vec<Alternative>)> {
         let level = self.kinds.iter().find(|of| matches!(of.cause, Cause::Scale(_)))?;
         (self.kinds.len() > 1).then(|| (self.odds_of(level), self.others(level)))
@@ -177,7 +179,7 @@ impl RunCause {
     }
 }
 
-/// How much likelier than no change, in logarithms.
+/// Advantage over no change, in logarithms.
 fn advantage_of(judged: &[Judged]) -> f64 {
     let none = judged.iter().find(|of| of.cause == Cause::None);
     match (judged.first(), none) {
@@ -186,7 +188,7 @@ fn advantage_of(judged: &[Judged]) -> f64 {
     }
 }
 
-/// How much likelier than the next cause of another kind, in logarithms.
+/// Advantage over the next cause of another kind, in logarithms.
 fn lead_of(judged: &[Judged]) -> f64 {
     let Some(first) = judged.first() else { return 0.0 };
     let next = judged.iter().find(|of| !is_same_kind(&of.cause, &first.cause));

@@ -1,22 +1,22 @@
-//! The usual curve of a joint: a constant, two decays and what these leave, from the runs of its baseline.
+//! The usual curve of a joint: a constant, two decays and their mean residual, from the runs of its baseline.
 //!
 //! `ln tau = a_r + b exp(-t/T_b) + c exp(-t/T_c)` with a constant of each run `r`; the time constants are those of a
-//! grid that fit best. The form is that of [5.4]; in logarithms, since wear is a factor. Two decays miss a real curve by
-//! a percent, most in the first cycle: the mean of what they leave, cycle by cycle, is a part of the curve.
+//! grid that fit best. The form is that of [5.4]; in logarithms, since wear is a factor. Two decays differ from a real
+//! curve by a percent, most in the first cycle. So the mean residual, cycle by cycle, is a part of the curve.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::points::{Curve, CurvePoint};
 use crate::statistics::descriptive::mean;
 
-/// Time constants that are tried, min. Beyond the largest a decay is a straight line within a test.
+/// Tried time constants, min. Beyond the largest a decay is a straight line within a test.
 const FAST_MIN: [f64; 3] = [2.0, 4.0, 8.0];
 pub(super) const SLOW_MIN: [f64; 6] = [12.0, 20.0, 30.0, 45.0, 70.0, 110.0];
 
-/// Fewest cycles of a run that take part in a usual curve.
+/// Fewest cycles of a run that is used for a usual curve.
 pub(super) const FEWEST_CYCLES: usize = 5;
 
-/// Least scatter of a cycle about the usual curve that is believed.
+/// Least accepted scatter of a cycle about the usual curve.
 const MIN_SCATTER: f64 = 0.001;
 
 /// The usual curve of a joint.
@@ -24,10 +24,10 @@ const MIN_SCATTER: f64 = 0.001;
 pub(in crate::detect::runs) struct Template {
     /// Mean constant.
     pub(super) level: f64,
-    /// Size and time constant, min, of the decays; sizes of 0 where friction does not fall.
+    /// Size and time constant, min, of the decays; sizes of 0 if friction does not fall.
     pub(super) fast: [f64; 2],
     pub(super) slow: [f64; 2],
-    /// Minute and mean of what the decays leave of each cycle, by minute.
+    /// Minute and mean residual of each cycle, by minute.
     rest: Vec<(f64, f64)>,
     /// Standard deviation of one cycle about it.
     pub(in crate::detect::runs) scatter: f64,
@@ -52,7 +52,7 @@ impl Template {
         Some(chosen.with_rest(&long))
     }
 
-    /// Takes what it leaves on average of each cycle as a part of the curve.
+    /// Adds the mean residual of each cycle to the curve.
     fn with_rest(mut self, runs: &[&Curve]) -> Self {
         let left: Vec<Vec<(u32, f64, f64)>> = runs
             .iter()
@@ -86,7 +86,7 @@ impl Template {
             self.rest.push((minute, rest));
         }
         self.rest.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // a level of each run but one was taken from them, and the mean has an error of its own
+        // one level per run except one was fitted, and the mean has its own error
         let (runs, freedom) = (runs.len() as f64, freedom - (runs.len() as f64 - 1.0));
         if freedom > 0.0 {
             self.scatter = (squares / freedom * (1.0 + runs.recip())).sqrt().max(MIN_SCATTER);
@@ -94,7 +94,7 @@ impl Template {
         self
     }
 
-    /// What the decays leave on average at `minute`: between two cycles on the line through them.
+    /// Mean residual of the decays at `minute`: linear between two cycles.
     fn rest(&self, minute: f64) -> f64 {
         let after = self.rest.partition_point(|(at, _)| *at < minute);
         match (after.checked_sub(1).and_then(|before| self.rest.get(before)), self.rest.get(after)) {
@@ -115,7 +115,7 @@ impl Template {
         Some(Self { level: mean(&levels)?, fast, slow, rest: Vec::new(), scatter })
     }
 
-    /// With these time constants; `None` where a decay would rise.
+    /// Fit with these time constants; `None` if a decay would rise.
     fn falling(runs: &[&Curve], fast: f64, slow: f64) -> Option<Self> {
         let rows: Vec<(usize, &CurvePoint)> = runs
             .iter()
@@ -133,7 +133,7 @@ impl Template {
         let solved = x.clone().svd(true, true).solve(&y, 1e-9).ok()?;
         let residuals = &y - &x * &solved;
         let (b, c) = (solved[count], solved[count + 1]);
-        // friction that grows for a moment is noise of the first cycle
+        // friction that rises briefly is noise of the first cycle
         (c > 0.0 && b > -0.25 * c).then(|| Self {
             level: solved.rows(0, count).mean(),
             fast: [b, fast],
@@ -148,23 +148,23 @@ impl Template {
         self.level + self.excess(minute) + self.rest(minute)
     }
 
-    /// What is above the warm value at `minute`.
+    /// Friction above the warm value at `minute`, in logarithms.
     pub(super) fn excess(&self, minute: f64) -> f64 {
         decay(self.fast, minute) + decay(self.slow, minute)
     }
 
-    /// What a slow time constant `factor` times as long adds at `minute`.
+    /// Change at `minute` if the slow time constant is `factor` times as long.
     pub(super) fn slower(&self, factor: f64, minute: f64) -> f64 {
         let [size, constant] = self.slow;
         decay([size, constant * factor], minute) - decay(self.slow, minute)
     }
 
-    /// The same for a small factor, for each unit of its logarithm.
+    /// The same for a small factor, per unit of its logarithm.
     pub(super) fn slowing(&self, minute: f64) -> f64 {
         decay(self.slow, minute) * minute / self.slow[1]
     }
 
-    /// How a curve differs from the usual one, by cycle.
+    /// Differences of a curve from the usual one, by cycle.
     pub(in crate::detect::runs) fn difference(&self, curve: &Curve) -> Vec<(u32, f64)> {
         curve.iter().map(|point| (point.cycle, point.ln_torque - self.value(point.minute))).collect()
     }
@@ -182,7 +182,7 @@ fn torques(curve: &Curve) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// A run of eight cycles of three minutes whose friction falls from a half above to warm.
+    /// A run of eight cycles of three minutes whose friction falls from a half above to the warm value.
     fn run(seed: u32, level: f64) -> Curve {
         let noise = |cycle: u32| 0.002 * (f64::from((seed * 31 + cycle * 17) % 13) / 6.0 - 1.0);
         let point = |cycle: u32| {

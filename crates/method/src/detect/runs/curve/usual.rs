@@ -1,5 +1,5 @@
-//! What is usual of each joint of a robot: the curve of its first runs, what runs differ in, and how much one cycle
-//! scatters.
+//! Usual behaviour of each joint of a robot: the curve of its first runs, the differences between runs, and the scatter
+//! of one cycle.
 
 use super::hypothesis::{Cause, Judged, PRIOR, RandomEffects, USUAL_OF_ARM, USUAL_OF_JOINT};
 use super::points::{Curve, CurvePoint, common_part, shared};
@@ -9,28 +9,28 @@ use super::within_run;
 use crate::detect::runs::history::first_level::LEVEL_CHANGE;
 use crate::statistics::descriptive::{mean, median};
 
-/// Scatter from cycle to cycle that a quiet joint may have, as a fraction of friction. Above it, a joint's own
-/// scatter is no excuse.
+/// Range of the scatter from cycle to cycle of a quiet joint, as a fraction of friction. A joint's own scatter is not
+/// accepted as usual above it.
 const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];
-/// Least scatter of one cycle about the usual curve that is believed.
+/// Least accepted scatter of one cycle about the usual curve.
 const LEAST_SCATTER_OF_CYCLE: f64 = 0.001;
-/// Scatter of a joint, as a multiple of the median over the arm's joints, that is still its own.
+/// Accepted scatter of a joint, as a multiple of the median over the arm's joints.
 const MOST_OF_NEIGHBOURS: f64 = 3.0;
 
-/// A joint: its curves and what its runs by themselves say.
+/// Curves of a joint and the causes of its runs without a comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct JointCurves {
     pub(super) curves: Vec<Curve>,
     /// Usual scatter of one cycle about a smooth curve.
     pub(super) scatter: f64,
-    /// The most that a quiet joint of the arm may have.
+    /// Upper limit for a quiet joint of the arm.
     most_scatter: f64,
-    /// What runs that a baseline may be learnt from say by themselves; `None` where a run has too few cycles, and of later
-    /// ones.
+    /// Causes of the runs that may be in the baseline, without a comparison; `None` for runs with too few cycles, and
+    /// for later ones.
     pub(super) by_itself: Vec<Option<Vec<Judged>>>,
 }
 
-/// What is usual of a joint.
+/// Usual behaviour of a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Usual {
     pub(super) template: Template,
@@ -39,7 +39,7 @@ pub(super) struct Usual {
     pub(super) scatter: f64,
 }
 
-/// Curves of all joints, with what those that a baseline may be learnt from say by themselves.
+/// Curves of all joints, with the causes, without a comparison, of those that may be in the baseline.
 pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize) -> Vec<JointCurves> {
     let scatters: Vec<Option<f64>> = all.iter().map(|runs| usual_scatter(runs, baseline_runs)).collect();
     let of_robot = median(&scatters.iter().flatten().copied().collect::<Vec<f64>>());
@@ -61,7 +61,7 @@ pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize) -> Vec<Jo
         .collect()
 }
 
-/// What is usual of each joint, and of what all joints share; `None` before there are two runs.
+/// Usual behaviour of each joint, and of the part that all joints share; `None` before there are two runs.
 pub(super) fn usuals(
     joints: &[JointCurves],
     baseline_runs: usize,
@@ -98,8 +98,8 @@ pub(super) fn usuals(
     (of_joints, of_arm)
 }
 
-/// What is usual of the part of the curves that all joints share: the usual curve is that of their mean, of the runs that count for
-/// every joint. `differences` are those of each joint and run from the joint's usual curve.
+/// Usual behaviour of the part of the curves that all joints share. The usual curve is that of their mean, over the
+/// runs that count for every joint. `differences` are those of each joint and run from the joint's usual curve.
 fn usual_of_arm(
     joints: &[JointCurves],
     learnt: &[(Vec<usize>, Option<Template>)],
@@ -144,13 +144,14 @@ fn mean_curve(curves: &[&Curve]) -> Curve {
     first.iter().filter_map(of_cycle).collect()
 }
 
-/// Part of the friction that a colder hall adds to a cold joint which the warm joint has no more: it warms itself by more, and
-/// what depends on warmth is a smaller share of its friction. And the standard deviation of that part between arms, as a multiple:
-/// simulated ones have 0.1 to 0.6.
+/// Part of the friction added to a cold joint by a lower ambient temperature that the warm joint no longer has: it
+/// heats itself by more, and the part that depends on temperature is a smaller share of its friction. `HALL_SPREAD` is
+/// the standard deviation of that part between arms, as a multiple: simulated ones have 0.1 to 0.6.
 const LOST_BY_WARMING: f64 = 0.35;
 pub(super) const HALL_SPREAD: f64 = 0.7;
 
-/// What a hall that makes the first cycle differ by as much as it does takes from, or adds to, the difference of each later cycle.
+/// Effect of an ambient temperature that explains the difference of the first cycle on the difference of each later
+/// cycle.
 pub(super) fn of_hall(shared: &[CurvePoint], template: &Template) -> Vec<f64> {
     let Some(first) = shared.first() else { return Vec::new() };
     let at_first = template.excess(first.minute);
@@ -158,8 +159,8 @@ pub(super) fn of_hall(shared: &[CurvePoint], template: &Template) -> Vec<f64> {
     shared.iter().map(|point| LOST_BY_WARMING * first.ln_torque * (left(point.minute) - 1.0)).collect()
 }
 
-/// What the other joints have in common in the cycles of a joint's curve. `differences` has an entry a joint, empty
-/// where it has no usual curve.
+/// The common part of the other joints in the cycles of a joint's curve. `differences` has one entry per joint, empty
+/// without a usual curve.
 pub(super) fn common_of(differences: &[&[(u32, f64)]], joint: usize, curve: &Curve) -> Vec<f64> {
     let others: Vec<&[(u32, f64)]> = differences
         .iter()
@@ -171,7 +172,7 @@ pub(super) fn common_of(differences: &[&[(u32, f64)]], joint: usize, curve: &Cur
     common_part(&others, &cycles)
 }
 
-/// Scatter from which on a joint's own is no excuse: that of its neighbours says what is usual of the arm.
+/// Upper limit of the accepted scatter of a joint: the other joints show the usual scatter of the arm.
 fn most_scatter(of_robot: Option<f64>) -> f64 {
     let by_others = MOST_OF_NEIGHBOURS * of_robot.unwrap_or(QUIET_SCATTER[1]);
     by_others.clamp(QUIET_SCATTER[0], QUIET_SCATTER[1])
@@ -182,9 +183,8 @@ fn usual_scatter(runs: &[Curve], baseline_runs: usize) -> Option<f64> {
     median(&found)
 }
 
-/// The usual curve of each joint: of its first `baseline_runs` long runs, without those in which friction changes.
-/// Where it changes among them, the runs before the change count if there are two, else those after it. Each with these
-/// runs.
+/// The usual curve of each joint, with its runs: the first `baseline_runs` long runs, without those with a change of
+/// friction. If it changes between them, the runs before the change count if there are two, otherwise those after it.
 fn templates(
     joints: &[JointCurves],
     baseline_runs: usize,

@@ -1,19 +1,19 @@
 //! Another time constant of the warm-up from some test on, which no single test shows.
 //!
-//! Each test says by which factor the slow time constant differs from that of the usual curve, with a standard error that
-//! may be a half. The usual curve's own error is alike in all tests, so that later ones are compared with earlier ones and
-//! not with it: the latest [`WINDOW`] tests are fitted as a level and a jump at any of them, by least squares on whitened
-//! values. Scatter and autocorrelation are those of its residuals, shrunk towards a prior. (About one level, a jump that is not
-//! found at once would count as scatter.) A jump counts if
+//! Each test gives the factor between its slow time constant and that of the usual curve, with a standard error up to a
+//! half. The usual curve's own error is the same in all tests, so later ones are compared with earlier ones and not
+//! with the curve. The latest [`WINDOW`] tests are fitted as a level and a jump at any of them, by least squares on
+//! whitened values. Scatter and autocorrelation are those of the residuals, shrunk towards a prior. (Computed about one
+//! level, a jump that is not found at once would count as scatter.) A jump counts if
 //!
-//! * it is a factor of [`LEAST_FACTOR`], or of 1.6 of what all joints share, or its inverse,
-//! * it is beyond chance: of Student's distribution, with the probability that a channel has at the rate of false alarms asked
-//!   for, divided by the number of places that are tried, and with the margin for the model of the noise that other comparisons
-//!   of causes have,
-//! * it is more than goes with a change that all joints have in common, of friction and of the warm-up.
+//! * it is a factor of at least [`LEAST_FACTOR`], or of 1.6 for the part that all joints share, or its inverse,
+//! * it is beyond chance by Student's distribution, with the channel's probability at the set rate of false alarms
+//!   divided by the number of tried places, and with the margin for the model of the noise that other comparisons of
+//!   causes have,
+//! * it is more than the effect of a change that all joints have in common, of friction and of the warm-up.
 //!
-//! It goes on until the mean of the latest [`LATEST`] tests differs from that before by less than half of the least factor's
-//! logarithm.
+//! It continues until the mean of the latest [`LATEST`] tests differs from the mean before by less than half of the
+//! logarithm of the least factor.
 
 use crate::detect::rate::budget::{MODEL_MARGIN, beyond_chance};
 use crate::detect::runs::curve::hypothesis::Cause;
@@ -22,48 +22,49 @@ use crate::detect::runs::history::whitened::{Fit, Whitened};
 use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::Estimate;
 
-/// Least ratio of time constants that counts, and the least that is tried of one run.
+/// Least ratio of time constants that counts, and the least tried one of one run.
 pub(in crate::detect::runs) const LEAST_FACTOR: f64 = 1.25;
-/// What a jump must exceed.
+/// Limits that a jump must exceed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::detect::runs) struct JumpLimits {
     /// Least factor.
     least_factor: f64,
-    /// What chance does, as a multiple of what it does where the scatter of the tests shows all of it.
+    /// Factor on the limit of chance; above 1 if the scatter of the tests does not show all of it.
     chance: f64,
-    /// Logarithm of the factor that goes with a change of all joints' friction, for each part of that change.
+    /// Logarithm of the factor caused by a change of all joints' friction, per unit of that change.
     with_common: f64,
 }
 
 impl JumpLimits {
-    /// Of a joint. A hall that is colder makes the warm-up another one.
+    /// Limits of a joint. A lower ambient temperature changes the warm-up.
     pub(in crate::detect::runs) const OF_JOINT: Self =
         Self { least_factor: LEAST_FACTOR, chance: 1.0, with_common: 10.0 };
-    /// Of what all joints share. Starts and halls differ for some time in all joints alike, which the scatter of tests before does
-    /// not show: of 160 simulated years, ten had such a jump with the limits of a joint, one with these. The change of friction is
-    /// that of the first cycle.
+    /// Limits of the part that all joints share. Starts and ambient temperatures differ for some time in all joints
+    /// alike, which the scatter of earlier tests does not show. Of 160 simulated years, ten had such a jump with the
+    /// limits of a joint, one with these. The change of friction is that of the first cycle.
     pub(in crate::detect::runs) const OF_ARM: Self =
         Self { least_factor: 1.6, chance: 1.6, with_common: 20.0 };
 }
 
-/// Tests that are fitted at most.
+/// Most tests in a fit.
 const WINDOW: usize = 80;
 /// Fewest tests before a jump and from it on.
 const FEWEST: usize = 5;
-/// Tests whose mean says whether a jump goes on.
+/// Number of tests whose mean decides if a jump continues.
 const LATEST: usize = 5;
-/// Prior of the standard deviation from test to test, as a part of the standard error of one test, and the tests that it is
-/// worth. Simulated robots have 0.6 in the median: the usual curve's own error is in every standard error.
+/// Prior of the standard deviation from test to test, as a part of the standard error of one test, and the number of
+/// tests that it is worth. The median of simulated robots is 0.6: every standard error contains the error of the usual
+/// curve.
 const PART_OF_ERROR: f64 = 0.7;
 const WORTH: f64 = 10.0;
-/// Least standard deviation from test to test that is believed, of the factor's logarithm.
+/// Least accepted standard deviation from test to test, of the factor's logarithm.
 const LEAST_DEVIATION: f64 = 0.03;
-/// Prior of the lag-1 autocorrelation, and the tests that it is worth: a standard deviation of 0.2.
+/// Prior of the lag-1 autocorrelation, and the number of tests that it is worth: a standard deviation of 0.2.
 const CORRELATION: f64 = 0.2;
 const CORRELATION_WORTH: f64 = 25.0;
-/// Most autocorrelation that is believed.
+/// Largest accepted autocorrelation.
 const MOST_CORRELATION: f64 = 0.9;
-/// Standard error from which on a test says nothing.
+/// Least standard error of a test that is not used.
 const SAYS_NOTHING: f64 = 1.0;
 
 /// A jump that is more than chance.
@@ -71,33 +72,34 @@ const SAYS_NOTHING: f64 = 1.0;
 pub(in crate::detect::runs) struct Jump {
     /// Natural logarithm of the factor, from the mean before to the mean of the latest tests.
     pub(in crate::detect::runs) size: f64,
-    /// Tests that have it.
+    /// Number of tests with the jump.
     pub(in crate::detect::runs) tests: usize,
-    /// Place of the run with which it came.
+    /// Place of the first run with the jump.
     pub(in crate::detect::runs) since: usize,
     before: f64,
 }
 
-/// The tests of a joint as they come.
+/// The tests of a joint in their order.
 pub(in crate::detect::runs) struct WarmUpJump {
     alpha: f64,
     limits: JumpLimits,
     tests: Vec<Estimate>,
     /// Places of their runs.
     runs: Vec<usize>,
-    /// Logarithms of the factors that may go with what all joints have in common in each: with its friction and its warm-up.
+    /// Logarithms of the factors that changes common to all joints may cause in each test: by friction, and by the
+    /// warm-up.
     beside: Vec<[f64; 2]>,
     jump: Option<Jump>,
 }
 
 impl WarmUpJump {
-    /// Before the first test. `alpha` is the probability of a false alarm that the channel has with each test.
+    /// The state before the first test. `alpha` is the probability of a false alarm of the channel per test.
     pub(in crate::detect::runs) fn new(alpha: f64, limits: JumpLimits) -> Self {
         Self { alpha, limits, tests: Vec::new(), runs: Vec::new(), beside: Vec::new(), jump: None }
     }
 
-    /// Takes the test of the run at this place; the jump that it belongs to. `of_arm` is the factor's logarithm that all joints
-    /// share, of which a joint may have more or less.
+    /// Adds the test of the run at this place and returns its jump. `of_arm` is the factor's logarithm that all joints
+    /// share; a joint may have more or less of it.
     pub(in crate::detect::runs) fn add(&mut self, run: usize, cause: &RunCause, of_arm: f64) -> Option<Jump> {
         let is_of_level = matches!(cause.clear(), None | Some(Cause::TimeConstant(_)));
         let is_known = |of: &WarmUpOfRun| is_of_level && of.ln_factor.std_error < SAYS_NOTHING;
@@ -112,7 +114,7 @@ impl WarmUpJump {
         self.jump
     }
 
-    /// Whether the latest tests are still nearer to what they jumped to.
+    /// Continues the jump if the latest tests are still nearer to its level.
     fn goes_on(&mut self, jump: Jump) -> Option<Jump> {
         let tests = jump.tests + 1;
         let latest: Vec<f64> = self.tests.iter().rev().take(LATEST.min(tests)).map(|of| of.value).collect();
@@ -120,7 +122,7 @@ impl WarmUpJump {
         if size.signum() == jump.size.signum() && size.abs() > 0.5 * LEAST_FACTOR.ln() {
             return Some(Jump { size, tests, ..jump });
         }
-        // what was out says nothing of what is usual
+        // tests with a jump are not used for the usual level
         let begin = self.tests.len().saturating_sub(tests);
         self.tests.truncate(begin);
         self.runs.truncate(begin);
@@ -154,8 +156,9 @@ impl WarmUpJump {
     }
 }
 
-/// How tests jumped with the one at `begin`: logarithm of the factor, and its standard error by the scatter of the tests about the
-/// two levels. The place is given, not sought. `None` where there are fewer than [`FEWEST`] tests before it or none from it on.
+/// The jump of tests with the one at `begin`: logarithm of the factor, and its standard error by the scatter of the
+/// tests about the two levels. The place is given and not fitted. `None` with fewer than [`FEWEST`] tests before it or
+/// none from it on.
 pub(in crate::detect::runs) fn jump_at(tests: &[Estimate], begin: usize) -> Option<Estimate> {
     let first = begin.saturating_sub(WINDOW);
     let (tests, begin) = (&tests[first..], begin - first);
@@ -182,7 +185,7 @@ fn size_error(fit: &Fit, tests: &[Estimate]) -> (f64, f64) {
     (fit.size_error * ((WORTH + fit.rest) / freedom).sqrt(), freedom)
 }
 
-/// The place with which a jump explains tests best that scatter by `deviation`, and the fit.
+/// The place of the jump that explains the tests best if they scatter by `deviation`, and the fit.
 fn likeliest(tests: &[Estimate], deviation: f64, correlation: f64) -> Option<(usize, Fit)> {
     let fits = Whitened::new(tests, deviation, correlation).jumps();
     let places = fits.into_iter().zip(1..).map(|(fit, begin)| (begin, fit));
@@ -190,8 +193,8 @@ fn likeliest(tests: &[Estimate], deviation: f64, correlation: f64) -> Option<(us
     tried.min_by(|a, b| a.1.rest.total_cmp(&b.1.rest))
 }
 
-/// Lag-1 autocorrelation of the residuals of a jump, shrunk towards its prior. That the two means are fitted lowers the
-/// products of neighbours, by what is added again here.
+/// Lag-1 autocorrelation of the residuals of a jump, shrunk towards its prior. The fit of two means lowers the products
+/// of neighbours; the bias is added again.
 fn correlation(tests: &[Estimate], begin: usize, fit: &Fit, deviation: f64) -> f64 {
     let expected = |place: usize| fit.level + if place < begin { 0.0 } else { fit.size };
     let residuals: Vec<f64> =
@@ -212,15 +215,15 @@ mod tests {
 
     use super::*;
 
-    /// One alarm a year of 45 channels and daily tests.
+    /// One alarm per year with 45 channels and daily tests.
     const ALPHA: f64 = 1.0 / (45.0 * 365.25);
 
-    /// Tests until the first jump, of a series that jumps by `size` with the test `at`.
+    /// Number of tests until the first jump of a series that jumps by `size` with the test `at`.
     fn first(seed: u64, count: usize, correlation: f64, at: usize, size: f64) -> Option<(usize, Jump)> {
         first_with_hall(seed, count, correlation, at, [size, 0.0])
     }
 
-    /// The same where friction of all joints changes with that test, too, by this part.
+    /// The same if friction of all joints also changes with that test, by this part.
     fn first_with_hall(
         seed: u64,
         count: usize,
@@ -230,7 +233,7 @@ mod tests {
     ) -> Option<(usize, Jump)> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (mut state, deviation) = (0.0, 0.2);
-        // what the usual curve has wrong is alike in all tests
+        // the error of the usual curve is the same in all tests
         let usual = 0.1 * rng.sample::<f64, _>(StandardNormal);
         let mut of = WarmUpJump::new(ALPHA, JumpLimits::OF_JOINT);
         (0..count).find_map(|test| {
@@ -258,7 +261,7 @@ mod tests {
         assert!(late <= 5, "{late} of 100 not within 15 tests");
     }
 
-    /// 500 series of 30 tests that jump by 0.4, or not, with the twenty-first.
+    /// 500 series of 30 tests that jump by 0.4, or not at all, with the twenty-first.
     #[test]
     fn a_jump_at_a_given_place_lies_within_its_standard_errors() {
         for (size, correlation) in [(0.0, 0.0), (0.4, 0.0), (0.4, 0.3)] {
@@ -295,7 +298,7 @@ mod tests {
         assert!(alone >= 45 && with_hall == 0, "{alone} and {with_hall} of 50");
     }
 
-    /// 400 series of a year: 0.02 are to be expected of each.
+    /// 400 series of a year: 0.02 are expected in each.
     #[test]
     fn chance_seldom_jumps() {
         for correlation in [0.0, 0.4] {

@@ -1,21 +1,22 @@
-//! What one run says of a joint by itself, before there is a usual curve: a step, or scatter from cycle to cycle.
+//! The cause of a joint's curve in one run without a comparison, before there is a usual curve: a step, or scatter from
+//! cycle to cycle.
 //!
-//! The curve of the run is a constant, a decay and, from seven cycles on, a second one. A step or scatter is what these
-//! leave.
+//! The curve of the run is a constant, a decay and, from seven cycles on, a second one. A step or scatter is found in
+//! the residuals.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::hypothesis::{Cause, Judged};
 use super::points::Curve;
 
-/// Fewest cycles: a decay, a step and three to say how well they fit.
+/// Fewest cycles: a decay, a step and three for the quality of the fit.
 pub(super) const FEWEST_CYCLES: usize = 6;
 /// Fewest cycles for a second decay.
 const FEWEST_FOR_TWO: usize = 7;
-/// Time constants of the decays that are tried, as parts of the length of the run.
+/// Tried time constants of the decays, as parts of the length of the run.
 const CONSTANTS: [f64; 4] = [0.15, 0.4, 1.0, 3.0];
 
-/// Part of a step that a smooth curve may miss.
+/// Tolerance of the smooth curve, as a part of a step.
 const PATTERN_ERROR: f64 = 0.03;
 
 /// Residual standard deviation about a smooth curve; `None` with too few cycles.
@@ -30,12 +31,12 @@ pub(super) fn scatter(curve: &Curve) -> Option<f64> {
 /// Parameters of a smooth course; its time constants count as one.
 pub(in crate::detect::runs) const COURSE_PARAMETERS: f64 = 4.0;
 
-/// What a smooth course leaves of each cycle; `None` with too few cycles.
+/// Residual of each cycle about a smooth course; `None` with too few cycles.
 pub(in crate::detect::runs) fn residuals(curve: &Curve) -> Option<Vec<f64>> {
     (curve.len() >= FEWEST_CYCLES).then(|| course(curve, &|_| 0.0).2)
 }
 
-/// Causes of one run by itself, the likeliest first. `usual` is the scatter of a cycle that a quiet joint has.
+/// Causes of one run without a comparison, the likeliest first. `usual` is the scatter of a cycle of a quiet joint.
 pub(super) fn judge(curve: &Curve, usual: f64, prior: f64) -> Vec<Judged> {
     let n = curve.len() as f64;
     let price = 0.5 * n.ln();
@@ -67,14 +68,14 @@ pub(super) fn judge(curve: &Curve, usual: f64, prior: f64) -> Vec<Judged> {
     found
 }
 
-/// Size of a pattern, and the sum of squares that a smooth curve with it leaves. A pattern
-/// that is 0 everywhere has the size 0.
+/// Size of a pattern, and the residual sum of squares of a smooth curve with it. A pattern that is 0 everywhere has the
+/// size 0.
 fn smooth(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64) {
     let (size, sum, _) = course(curve, pattern);
     (size, sum)
 }
 
-/// As [`smooth`], with what is left of each cycle.
+/// Like [`smooth`], with the residual of each cycle.
 fn course(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64, Vec<f64>) {
     let start = curve.first().map_or(0.0, |point| point.minute);
     let length = curve.last().map_or(1.0, |point| point.minute) - start;
@@ -106,7 +107,7 @@ fn course(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64, Vec<f64>)
         .unwrap_or_else(|| (0.0, f64::INFINITY, vec![0.0; curve.len()]))
 }
 
-/// Degrees of freedom that a smooth curve leaves; its time constants count as one.
+/// Degrees of freedom of the residuals of a smooth curve; its time constants count as one.
 fn freedom(curve: &Curve) -> f64 {
     curve.len() as f64 - if curve.len() >= FEWEST_FOR_TWO { COURSE_PARAMETERS } else { 3.0 }
 }

@@ -1,4 +1,4 @@
-//! Health of joints, on histories made by hand.
+//! Health of joints, on synthetic histories.
 
 use crate::detect::runs::cause_tests::{State, fleet};
 use crate::detect::runs::detect;
@@ -78,14 +78,14 @@ fn one_test_far_off_is_neither_an_alarm_nor_well() {
     assert_eq!((odd.health[1].knowledge, odd.health[1].friction_index), (Knowledge::Unsettled, Some(0.8)));
     let reason = odd.health[1].reason.as_deref().expect("a reason");
     assert!(reason.starts_with("one test 20 % below the joint's baseline"), "{reason}");
-    // the next one is as ever
+    // the next one is as usual
     history.push(indexed(9, Some(1.0)));
     assert_eq!(found(&history).health[1].knowledge, Knowledge::Compared);
 }
 
 #[test]
 fn a_change_of_friction_that_hardly_is_there_is_not_told_in_per_cent() {
-    // scatters by a quarter of itself
+    // scatters by a quarter of its value
     let noisy = |run: usize| [1.0, 1.3, 0.8, 1.2, 0.7, 1.1, 1.25, 0.75, 0.95, 1.15, 0.85, 0.6][run];
     let mut history = healthy(12);
     for (run, summary) in history.iter_mut().enumerate() {
@@ -99,7 +99,8 @@ fn a_change_of_friction_that_hardly_is_there_is_not_told_in_per_cent() {
     assert!(found.health[0].friction_index.is_some() && found.health[2].friction_index.is_some());
 }
 
-/// Friction as measured has risen by a third, and the index says that it has not: temperature, unless one joint alone has it.
+/// Measured friction has risen by a third, and the index has not: an effect of temperature, except if only one joint
+/// has it.
 #[test]
 fn friction_that_one_joint_alone_has_from_temperature_is_not_settled() {
     let history = |warmer: &dyn Fn(usize) -> f64| {

@@ -1,31 +1,32 @@
-//! Which of the first tests show what is usual, where something changed among them and stayed so.
+//! Usual level of the first tests if something changed among them and did not change back.
 //!
-//! A change while a baseline is learnt is no part of it: the tests before it count, where there are two. Medians alone would
-//! take what most of these tests show for usual, and call the first ones wrong.
+//! A change while a baseline is learnt is not part of it: the tests before it count, if there are two. Medians alone
+//! would follow most of these tests and show the first ones as wrong.
 
 use nalgebra::DVector;
 
 use crate::statistics::descriptive::median;
 
-/// Change of a joint's friction between two tests, in logarithms and beyond what all joints have in common, that ends a baseline.
+/// Change of a joint's friction between two tests, in logarithms and beyond the common part of all joints, that ends a
+/// baseline.
 pub(in crate::detect::runs) const LEVEL_CHANGE: f64 = 0.06;
 
-/// Tests that show a level, before a change and behind it.
+/// Fewest tests of a level, before and after a change.
 const FEWEST: usize = 2;
 
-/// Figures of the first tests, oldest first, as levels.
+/// Levels of the first tests' values, oldest first.
 #[derive(Debug)]
 pub(in crate::detect::runs) struct FirstLevels<'t> {
     /// Tests that count: those before the change.
     pub(in crate::detect::runs) usual: &'t [DVector<f64>],
-    /// Those behind it; empty where nothing changed.
+    /// Those after it; empty without a change.
     pub(in crate::detect::runs) changed: &'t [DVector<f64>],
 }
 
 impl<'t> FirstLevels<'t> {
-    /// Of tests with a row of figures each, in their standard deviations. The level has changed where the mean square of its
-    /// difference is `least` times what tests of one level differ by, which is no less than chance makes of them, and
-    /// `is_change` agrees, which is given the medians before and behind.
+    /// Levels of tests, each a row of values in their standard deviations. The level has changed if two conditions
+    /// hold. The mean square of the difference is at least `least` times that of the tests of one level, which is no
+    /// less than chance. `is_change` returns true for the medians before and after.
     pub(in crate::detect::runs) fn of(
         tests: &'t [DVector<f64>],
         least: f64,
@@ -47,7 +48,7 @@ impl<'t> FirstLevels<'t> {
         Self { usual, changed }
     }
 
-    /// Mean square of each test's figures about the medians of its level.
+    /// Mean square of each test's values about the medians of its level.
     pub(in crate::detect::runs) fn mean_squares(&self) -> Vec<f64> {
         let of_level = |tests: &[DVector<f64>]| {
             let level = medians(tests);
@@ -56,7 +57,7 @@ impl<'t> FirstLevels<'t> {
         [self.usual, self.changed].into_iter().flat_map(of_level).collect()
     }
 
-    /// Part of the variance that these squares show, since the medians were taken from the same tests; one without tests.
+    /// Part of the variance that these squares show, since the medians are of the same tests; one without tests.
     pub(in crate::detect::runs) fn freedom(&self) -> f64 {
         let tests = (self.usual.len() + self.changed.len()).max(1) as f64;
         let levels = [self.usual, self.changed].iter().filter(|level| !level.is_empty()).count() as f64;
@@ -64,7 +65,7 @@ impl<'t> FirstLevels<'t> {
     }
 }
 
-/// Median of each figure; empty without tests.
+/// Median of each value; empty without tests.
 fn medians(tests: &[DVector<f64>]) -> DVector<f64> {
     let column = |at: usize| tests.iter().map(|row| row[at]).collect::<Vec<f64>>();
     DVector::from_fn(tests.first().map_or(0, DVector::len), |at, _| median(&column(at)).unwrap_or(f64::NAN))

@@ -1,7 +1,7 @@
-//! How many of the first tests a baseline is learnt from, where some of them lack what it needs.
+//! Number of first tests for a baseline, if some of them lack a required property.
 
-/// How many of so many tests, from the first on, have each of some properties `count` times, or all that have it. `may`
-/// says which properties a test can have at most, `does` which it has; both in the same order.
+/// Number of tests, from the first on, until each of some properties occurred `count` times, or in all tests that have
+/// it. `may` returns the properties that a test can have at most, `does` those that it has; both in the same order.
 pub(in crate::detect::runs) fn first_tests(
     tests: usize,
     count: usize,

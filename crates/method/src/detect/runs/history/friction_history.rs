@@ -1,8 +1,8 @@
 //! Friction of one joint over its robot's runs, as a multiple of the joint's own baseline.
 //!
-//! A run is compared by the first of these quantities that it has: the friction index, warm friction of the
-//! friction stage, friction identified from the excitation. The index is a multiple of the joint's first runs
-//! already. The baseline of the two torques is the median of the joint's first runs at one speed.
+//! A run is compared by the first available quantity: the friction index, warm friction of the friction stage, friction
+//! identified from the excitation. The index is already a multiple of the joint's first runs. The baseline of the two
+//! torques is the median of the joint's first runs at one speed.
 
 use nalgebra::DVector;
 
@@ -13,51 +13,52 @@ use crate::statistics::descriptive::{median, robust_deviation, standard_deviatio
 use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
 use armwatch_model::anomaly::quantity::Quantity;
 
-/// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
-/// fraction of friction: the ambient temperature alone moves warm friction by about this.
+/// Least accepted standard deviation from run to run of a baseline of few runs, as a fraction of friction: ambient
+/// temperature alone moves warm friction by about this.
 pub(in crate::detect::runs) const MIN_SPREAD: f64 = 0.01;
 
-/// The same for the friction index, from which the effect of the ambient temperature is removed.
+/// The same for the friction index, which is corrected for the ambient temperature.
 pub(in crate::detect::runs) const MIN_INDEX_SPREAD: f64 = 0.005;
 
-/// Runs compare if they were about equally warm: time of the warm points within this fraction of
-/// the baseline's.
+/// Tolerance of the time of the warm points, as a fraction of the baseline's, for runs of about equal temperature.
 const WARMTH_TOLERANCE: f64 = 0.25;
 
-/// Or within this, min: gearboxes warm in minutes, so that tests of seconds are all cold, however their lengths differ.
+/// The same in min, if that is more: gearboxes warm in minutes, so tests of seconds are all cold, whatever their
+/// lengths.
 const WARMTH_MINUTES: f64 = 0.5;
 
 /// Friction of one joint over the runs.
 pub(in crate::detect::runs) struct FrictionHistory {
-    /// The quantity that the joint is watched by.
+    /// The quantity of the joint that is checked.
     pub(in crate::detect::runs) source: Source,
     /// Runs with friction that compares with the baseline, oldest first.
     pub(in crate::detect::runs) runs: Vec<Observed>,
-    /// Runs that the baseline has so far, at most those that it needs.
+    /// Number of runs of the baseline so far, at most the required number.
     pub(in crate::detect::runs) learnt_runs: usize,
     /// Usual standard deviation from run to run, as a fraction of the baseline.
     pub(in crate::detect::runs) spread: f64,
-    /// The same over the arm's joints, as each run among the first tests finds it: the prior of one joint. Empty unless enough
-    /// joints have an index.
+    /// The pooled value over the arm's joints before each run among the first tests: the prior of one joint. Empty
+    /// unless enough joints have an index.
     pooled: Vec<(usize, f64)>,
-    /// Whether the first runs scatter by so much more than those of the arm's other joints that friction changed in them.
+    /// True if the first runs scatter by so much more than those of the arm's other joints that friction must have
+    /// changed in them.
     pub(in crate::detect::runs) has_changed_at_first: bool,
     /// Variance of the baseline itself, as a fraction of it squared.
     pub(in crate::detect::runs) baseline_variance: f64,
-    /// One for each torque that has enough runs.
+    /// One per torque with enough runs.
     baselines: Vec<Baseline>,
-    /// Place in the history of the last run that the baseline is learnt from.
+    /// Place in the history of the last run of the baseline.
     learnt_from: usize,
 }
 
-/// Where friction of a run comes from.
+/// Source of the friction of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::detect::runs) enum Source {
     /// The friction index, at equal thermal state.
     Index,
-    /// Friction points of the friction stage, of runs equally warm.
+    /// Friction points of the friction stage, in runs of equal temperature.
     Warm,
-    /// The identified friction coefficients, of runs equally warm.
+    /// The identified friction coefficients, in runs of equal temperature.
     Excitation,
 }
 
@@ -88,47 +89,47 @@ impl Source {
     }
 }
 
-/// Friction of a run against the baseline, and by which road.
+/// Friction of a run relative to the baseline, and its source.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::detect::runs) struct Observed {
     /// Place of the run in the history.
     pub(in crate::detect::runs) run: usize,
-    /// Friction as a multiple of the baseline, without what all joints share.
+    /// Friction as a multiple of the baseline, without the common part of all joints.
     pub(in crate::detect::runs) ratio: f64,
-    /// What all joints share, in logarithms ([`crate::detect::runs::arm_detectors::common_change`]).
+    /// The common part of all joints, in logarithms ([`crate::detect::runs::arm_detectors::common_change`]).
     common: f64,
     pub(in crate::detect::runs) source: Source,
-    /// Standard error of the ratio; zero where the scatter of the baseline says all.
+    /// Standard error of the ratio; zero if the scatter of the baseline contains it.
     pub(in crate::detect::runs) std_error: f64,
-    /// The part of it that the scatter from run to run has no share in.
+    /// The part of the standard error that is not in the scatter from run to run.
     measurement_error: f64,
-    /// Scatter as a multiple of the usual one from run to run; zero where that says all.
+    /// Scatter as a multiple of the usual one from run to run; zero if it is the usual one.
     relative_scatter: f64,
-    /// Friction that it comes from, Nm; not a number for the index.
+    /// Friction that the ratio is computed from, Nm; NaN for the index.
     pub(in crate::detect::runs) torque: f64,
 }
 
-/// Standard deviation of a joint's share in what all joints have in common, about one.
+/// Standard deviation of a joint's share in the common part of all joints, about one.
 pub(in crate::detect::runs) const COMMON_SPREAD: f64 = 0.4;
 
 impl Observed {
-    /// Friction as a multiple of the baseline, as it was measured.
+    /// Friction as a multiple of the baseline, as measured.
     pub(in crate::detect::runs) fn measured_ratio(&self) -> f64 {
         self.ratio * self.common.exp()
     }
 
-    /// Standard error with that of the share in what all joints have in common. Both err alike from run to run, so that
-    /// no average over runs makes them smaller.
+    /// Standard error including that of the share in the common part of all joints. Both errors are the same in all
+    /// runs, so averages over runs do not reduce them.
     pub(in crate::detect::runs) fn uncertainty(&self) -> f64 {
         self.std_error.hypot(COMMON_SPREAD * self.common * self.ratio)
     }
 
-    /// What all joints share, in logarithms.
+    /// The common part of all joints, in logarithms.
     pub(in crate::detect::runs) fn common(&self) -> f64 {
         self.common
     }
 
-    /// What all joints share, for a message; empty below one percent.
+    /// The common part of all joints, for a message; empty below one percent.
     pub(in crate::detect::runs) fn common_words(&self) -> String {
         let percent = 100.0 * self.common.exp_m1();
         if percent.abs() < 1.0 {
@@ -140,7 +141,7 @@ impl Observed {
 }
 
 impl FrictionHistory {
-    /// `series` has one entry a run; the first `baseline_runs` runs with friction are the baseline.
+    /// `series` has one entry per run; the first `baseline_runs` runs with friction are the baseline.
     pub(in crate::detect::runs) fn new(series: &[Option<&JointSummary>], baseline_runs: usize) -> Self {
         let count = baseline_runs.max(1);
         let index = |run: usize| series[run].and_then(|summary| summary.friction_index);
@@ -149,7 +150,7 @@ impl FrictionHistory {
         let baselines: Vec<Baseline> =
             learnt.iter().filter_map(|(source, runs)| Baseline::new(*source, runs, count)).collect();
         let has_index = (0..series.len()).any(|run| index(run).is_some());
-        // what the joint is watched by, without an index
+        // the checked quantity, without an index
         let first = baselines.first();
         let runs: Vec<Observed> = (0..series.len())
             .filter_map(|run| match index(run) {
@@ -169,7 +170,7 @@ impl FrictionHistory {
                 None => baselines.iter().find_map(|baseline| baseline.observed(series, run)),
             })
             .collect();
-        // torques keep the place that a run has among all with one, also of runs that were not equally warm
+        // for torques, the last run of the baseline counts even if it was not of equal temperature
         let learnt_from = if has_index {
             runs.get(count - 1).map_or(usize::MAX, |last| last.run)
         } else {
@@ -178,7 +179,7 @@ impl FrictionHistory {
         let (spread, baseline_variance) = match (first, has_index) {
             (_, true) => index_spread(&runs, learnt_from),
             (Some(baseline), false) => baseline.spread(),
-            // no run compares with anything
+            // no run is comparable
             (None, false) => (MIN_SPREAD, 0.0),
         };
         Self {
@@ -194,7 +195,8 @@ impl FrictionHistory {
         }
     }
 
-    /// Takes the runs before `run`, in which friction jumped while the baseline was learnt, as the baseline of the index.
+    /// Makes the runs before `run` the baseline of the index, since friction jumped in `run` while the baseline was
+    /// learnt.
     pub(in crate::detect::runs) fn learn_before(&mut self, run: usize) {
         let before: Vec<f64> = self.runs.iter().filter(|of| of.run < run).map(|of| of.ratio).collect();
         let Some(level) = median(&before).filter(|level| *level > 0.0 && self.source == Source::Index) else {
@@ -205,7 +207,7 @@ impl FrictionHistory {
         (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
     }
 
-    /// Raises the standard errors of runs to `error`, a fraction, where that gives one.
+    /// Raises the standard errors of runs to `error`, a fraction, if it returns one.
     pub(in crate::detect::runs) fn widen(&mut self, error: impl Fn(usize) -> Option<f64>) {
         for of in &mut self.runs {
             if let Some(error) = error(of.run) {
@@ -215,12 +217,12 @@ impl FrictionHistory {
         }
     }
 
-    /// Takes away what all joints share, in logarithms, one entry a run: since the baseline, which has a share of its own where the
-    /// others are held against earlier runs.
+    /// Subtracts the change since the baseline of the common part of all joints, in logarithms, one entry per run. The
+    /// baseline has its own common part, since the others are compared with earlier runs.
     pub(in crate::detect::runs) fn without_common(&mut self, common: &[f64]) {
         let learnt: Vec<f64> =
             self.runs.iter().filter(|of| self.is_learnt_from(of)).map(|of| common[of.run]).collect();
-        // a torque's baseline is a median, an index's is the mean of its first runs
+        // a torque's baseline is a median, an index's baseline is the mean of its first runs
         let usual = match self.source {
             Source::Index => learnt.iter().sum::<f64>() / learnt.len().max(1) as f64,
             Source::Warm | Source::Excitation => median(&learnt).unwrap_or(0.0),
@@ -240,7 +242,7 @@ impl FrictionHistory {
         }
     }
 
-    /// Bounds the scatter of the index in the first runs: beyond `most` it is no scatter but a change.
+    /// Limits the scatter of the index in the first runs: beyond `most` it is a change and not scatter.
     pub(super) fn bound_spread(&mut self, most: f64) {
         if self.source == Source::Index && self.spread > most {
             self.baseline_variance *= (most / self.spread).powi(2);
@@ -249,8 +251,8 @@ impl FrictionHistory {
         }
     }
 
-    /// Standard deviation of the index in the first tests before `run`, without the bias of its median over several joints;
-    /// `None` without an index or with fewer than two such tests.
+    /// Standard deviation of the index in the first tests before `run`, without the bias of its median over several
+    /// joints; `None` without an index or with fewer than two such tests.
     fn deviation_before(&self, run: usize) -> Option<f64> {
         let first = self.runs.iter().take(OWN_FROM).filter(|of| of.run < run).map(|of| of.ratio);
         let first: Vec<f64> = first.collect();
@@ -260,13 +262,13 @@ impl FrictionHistory {
         Some(deviation / (1.0 - 2.0 / (9.0 * freedom)).powf(1.5))
     }
 
-    /// Standard deviation from run to run that the arm's joints show in the first tests before `run`.
+    /// Standard deviation from run to run over the arm's joints in the first tests before `run`.
     pub(in crate::detect::runs) fn pooled_before(&self, run: usize) -> Option<f64> {
         let known = self.pooled.partition_point(|(of, _)| *of <= run);
         self.pooled.get(known.checked_sub(1)?).map(|(_, pooled)| *pooled)
     }
 
-    /// Shrinks the scatter of the first runs towards that of the arm's joints, unless it is no scatter but a change.
+    /// Shrinks the scatter of the first runs towards that of the arm's joints, unless it is a change.
     fn shrink_spread(&mut self) {
         let pooled = self.pooled_before(self.learnt_from.saturating_add(1));
         let Some(pooled) = pooled.filter(|_| !self.has_changed_at_first) else { return };
@@ -277,8 +279,8 @@ impl FrictionHistory {
         self.spread = variance.sqrt();
     }
 
-    /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance
-    /// of their median; those with what all joints share where few of these torques compare.
+    /// Standard deviation from run to run of the torques of the baseline, as a fraction, and the variance of their
+    /// median. If few of these torques are comparable, both include the common part of all joints.
     fn torque_spread(&self) -> (f64, f64) {
         let own = |of: &&Observed| of.source == self.source && self.is_learnt_from(of);
         let ratios: Vec<f64> = self.runs.iter().filter(own).map(|of| of.ratio).collect();
@@ -289,12 +291,12 @@ impl FrictionHistory {
         (spread, median_variance(spread, ratios.len()))
     }
 
-    /// Whether a baseline is learnt from the run at this place.
+    /// Returns true if the run at this place is part of a baseline.
     pub(in crate::detect::runs) fn is_learnt_at(&self, run: usize) -> bool {
         run <= self.learnt_from
     }
 
-    /// Whether there is nothing yet that a run could be compared with.
+    /// Returns true while there is no baseline to compare a run with.
     pub(in crate::detect::runs) fn is_learning(&self) -> bool {
         self.source != Source::Index && self.baselines.is_empty()
     }
@@ -304,13 +306,13 @@ impl FrictionHistory {
         self.baselines.iter().find(|baseline| baseline.source == source)
     }
 
-    /// Whether the baseline is learnt from this run.
+    /// Returns true if this run is part of the baseline.
     pub(in crate::detect::runs) fn is_learnt_from(&self, observed: &Observed) -> bool {
         observed.run <= self.learnt_from
     }
 
-    /// Variance of one run's ratio beside what all joints share: of torques, which the hall moves from test to test as no index, at
-    /// least that of a steady joint.
+    /// Variance of one run's ratio without the common part of all joints. Torques depend on ambient temperature, and an
+    /// index does not: their variance is at least that of a steady joint.
     pub(in crate::detect::runs) fn own_variance(&self, observed: &Observed) -> f64 {
         match self.source {
             Source::Index => self.variance(observed),
@@ -329,13 +331,13 @@ impl FrictionHistory {
 
 /// Scatter of a joint's first runs, as a multiple of the median of the arm's other joints, beyond which it is a change.
 const MOST_SPREAD: f64 = 3.0;
-/// Fewest other joints whose median says so.
+/// Fewest other joints for that median.
 const FEWEST_OTHERS: usize = 3;
-/// Tests that the scatter of the arm's joints is worth as a prior of one of them.
+/// Number of tests that the scatter of the arm's joints is worth as a prior of one joint.
 pub(in crate::detect::runs) const POOLED_TESTS: f64 = 20.0;
 
-/// Bounds the scatter of each joint's index by that of the other joints of the arm, and shrinks it towards what all of them
-/// show: the first runs of one joint know it badly.
+/// Limits the scatter of each joint's index by that of the other joints of the arm, and shrinks it towards that of all
+/// joints: the first runs of one joint determine it badly.
 pub(in crate::detect::runs) fn bound_spreads(joints: &mut [FrictionHistory]) {
     let own: Vec<Option<f64>> =
         joints.iter().map(|of| (of.source == Source::Index).then_some(of.spread)).collect();
@@ -363,11 +365,11 @@ fn pooled_by_run(joints: &[FrictionHistory]) -> Vec<(usize, f64)> {
     longest.runs.iter().take(OWN_FROM).filter_map(|of| pooled(of.run + 1)).collect()
 }
 
-/// Least square of a jump between two of the tests of a baseline, in variances of a test.
+/// Least square of a jump between two tests of a baseline, in variances of a test.
 const LEAST_JUMP_SQUARE: f64 = 64.0;
 
-/// Where the index of a joint jumps between two of the tests that its baseline is learnt from and stays there, beyond what
-/// the other joints do, the tests before are its baseline.
+/// If the index of a joint jumps between two tests of its baseline and stays there, beyond the other joints, makes the
+/// earlier tests its baseline.
 pub(in crate::detect::runs) fn learn_before_jumps(joints: &mut [FrictionHistory]) {
     let jumps: Vec<Option<usize>> = (0..joints.len()).map(|own| jump_at_first(joints, own)).collect();
     for (joint, jump) in joints.iter_mut().zip(jumps) {
@@ -377,7 +379,7 @@ pub(in crate::detect::runs) fn learn_before_jumps(joints: &mut [FrictionHistory]
     }
 }
 
-/// Place of the run from which on the index of a joint is at another level than in the tests of the baseline before it.
+/// Place of the first run in the baseline with another level of the index than the runs before it.
 fn jump_at_first(joints: &[FrictionHistory], own: usize) -> Option<usize> {
     let joint = &joints[own];
     let is_index = |of: &&Observed| of.source == Source::Index && of.ratio > 0.0;
@@ -400,8 +402,8 @@ fn jump_at_first(joints: &[FrictionHistory], own: usize) -> Option<usize> {
     (!levels.changed.is_empty()).then(|| learnt[levels.usual.len()].run)
 }
 
-/// Run-to-run standard deviation of the index in the joint's baseline, and the variance of the baseline,
-/// which an index's own error has in it already.
+/// Standard deviation from run to run of the index in the joint's baseline, and the variance of the baseline. The own
+/// error of an index already contains that variance.
 fn index_spread(observed: &[Observed], last_run: usize) -> (f64, f64) {
     let first: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.ratio).collect();
     let errors: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.std_error).collect();
@@ -433,13 +435,13 @@ pub(in crate::detect::runs) struct Baseline {
     std_error: f64,
     /// Usual time of the points since the run's start, min.
     minute: f64,
-    /// Torques that it is the median of, and the last run of these.
+    /// Torques of the median, and the last run of these.
     torques: Vec<f64>,
     last_run: usize,
 }
 
 impl Baseline {
-    /// `None` with fewer than `count` runs.
+    /// Returns `None` with fewer than `count` runs.
     fn new(source: Source, first: &[(usize, WarmFriction)], count: usize) -> Option<Self> {
         if first.len() < count {
             return None;
@@ -458,12 +460,12 @@ impl Baseline {
         })
     }
 
-    /// Friction of a run, if it was as warm as the baseline.
+    /// Friction of a run, if it had the same temperature as the baseline.
     fn observed(&self, series: &[Option<&JointSummary>], run: usize) -> Option<Observed> {
         let warm = series[run].and_then(|summary| self.source.of(summary))?;
         let comparable = same_speed(&warm, self.speed_fraction)
             && (warm.minute - self.minute).abs() <= (WARMTH_TOLERANCE * self.minute).max(WARMTH_MINUTES);
-        // the scatter of the baseline has the errors of its runs in it; a run with a larger one scatters more
+        // the scatter of the baseline contains the errors of its runs; a run with a larger error scatters more
         let relative_scatter = match self.source {
             Source::Index | Source::Warm => 0.0,
             Source::Excitation => (warm.std_error / self.std_error).max(1.0),
@@ -480,14 +482,14 @@ impl Baseline {
         })
     }
 
-    /// Run-to-run standard deviation as a fraction, and the variance of the median.
+    /// Standard deviation from run to run as a fraction, and the variance of the median.
     fn spread(&self) -> (f64, f64) {
         let spread = (robust_deviation(&self.torques).unwrap_or(0.0) / self.torque).max(MIN_SPREAD);
         (spread, median_variance(spread, self.torques.len()))
     }
 }
 
-/// Levels are copied from one list; one written in two ways is still the same.
+/// Compares with a tolerance: levels are from one list, but may be written in two ways.
 fn same_speed(warm: &WarmFriction, speed_fraction: f64) -> bool {
     (warm.speed_fraction - speed_fraction).abs() < 1e-6
 }

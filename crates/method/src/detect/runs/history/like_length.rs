@@ -1,17 +1,17 @@
-//! Tests of like length, which are compared with each other: parameters of a short check of a cold arm differ from those of
-//! a whole test by more than chance, since friction moves while an arm warms.
+//! Tests of similar length, which are compared with each other. Parameters of a short check of a cold arm differ from
+//! those of a whole test by more than chance, since friction changes while an arm warms.
 
 use armwatch_model::anomaly::RunSummary;
 
-/// Tests differ in length from the first one of their group by less than this factor.
+/// Factor that the length of a test differs from the first one of its group by, at most.
 const LIKE: u32 = 2;
 
-/// Whether inertial parameters were identified from a test.
+/// Returns true if inertial parameters were identified from a test.
 pub(in crate::detect::runs) fn has_parameters(run: &RunSummary) -> bool {
     !run.parameters.is_empty()
 }
 
-/// Cycles of a test that parameters were identified from; all of them without parameters.
+/// Number of cycles in the identification; all of the test without parameters.
 pub(in crate::detect::runs) fn length(run: &RunSummary) -> u32 {
     run.parameters.iter().map(|of| of.cycles).max().unwrap_or(run.cycles)
 }

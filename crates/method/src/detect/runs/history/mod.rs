@@ -1,4 +1,4 @@
-//! What the tests of a robot usually are: their level, their scatter, and which of them are alike.
+//! Usual behaviour in the tests of a robot: level, scatter, and groups of similar tests.
 
 pub(super) mod first_level;
 pub(super) mod first_tests;

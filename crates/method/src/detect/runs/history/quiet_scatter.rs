@@ -1,20 +1,20 @@
-//! How much a quantity of a joint scatters from one quiet test to the next, with its autocorrelation, learnt as tests come.
+//! Scatter of a quantity of a joint from one quiet test to the next, with its autocorrelation, learnt as tests arrive.
 //!
-//! A test is learnt when [`LAG`] later ones are quiet, so that a change that begins is not taken for scatter.
+//! A test is learnt after [`LAG`] later quiet ones, so that the beginning of a change does not count as scatter.
 
 use std::collections::VecDeque;
 
 use crate::detect::rate::whitening::{Likeness, Prior, Whitener};
 use armwatch_model::analysis::Estimate;
 
-/// Quiet tests after one until it is learnt: as many as a drift of half a per cent a test needs to show.
+/// Quiet tests after one until it is learnt: as many as a drift of half a per cent per test needs to show.
 const LAG: usize = 8;
 
-/// Lag-1 autocorrelation before any test, and its standard deviation between joints. Indices of simulated healthy joints
-/// have -0.04 (docs/method.md, "Friction index"); real ones have their surroundings in them too.
+/// Lag-1 autocorrelation before any test, and its standard deviation between joints. Indices of simulated healthy
+/// joints have -0.04 (docs/method.md, "Friction index"); real ones also depend on their surroundings.
 const CORRELATION: Estimate = Estimate { value: 0.2, std_error: 0.2 };
 
-/// What is learnt of it until now.
+/// The scatter learnt so far.
 pub(in crate::detect::runs) struct QuietScatter {
     whitener: Whitener,
     worth: f64,
@@ -24,7 +24,8 @@ pub(in crate::detect::runs) struct QuietScatter {
 }
 
 impl QuietScatter {
-    /// Before the first test: a standard deviation that is worth so many tests. Nothing is learnt behind `most` tests.
+    /// The state before the first test: a standard deviation that is worth this number of tests. At most `most` tests
+    /// are learnt.
     pub(in crate::detect::runs) fn new(deviation: f64, worth: f64, most: usize) -> Self {
         Self {
             whitener: whitener(deviation, worth),
@@ -35,7 +36,7 @@ impl QuietScatter {
         }
     }
 
-    /// Replaces the standard deviation that is expected before the first test.
+    /// Replaces the expected standard deviation before the first test.
     pub(in crate::detect::runs) fn expect(&mut self, deviation: f64) {
         self.whitener = whitener(deviation, self.worth);
         for test in &self.learnt {
@@ -49,7 +50,7 @@ impl QuietScatter {
         self.learnt.push(test);
     }
 
-    /// Takes a quiet test, which is learnt when others have followed it. Says whether one was learnt.
+    /// Adds a quiet test, which is learnt after later ones. Returns true if a test was learnt.
     pub(in crate::detect::runs) fn quiet(&mut self, test: Estimate) -> bool {
         if self.learnt.len() >= self.most {
             return false;
@@ -59,7 +60,7 @@ impl QuietScatter {
         due.inspect(|of| self.learn(*of)).is_some()
     }
 
-    /// A test is out: the ones before it may belong to what it shows.
+    /// Drops the waiting tests, since a test is out: they may belong to the same change.
     pub(in crate::detect::runs) fn out(&mut self) {
         self.waiting.clear();
     }
@@ -69,12 +70,12 @@ impl QuietScatter {
         self.whitener.score(previous, value, std_error)
     }
 
-    /// Tests learnt.
+    /// Number of learnt tests.
     pub(in crate::detect::runs) fn learnt(&self) -> usize {
         self.learnt.len()
     }
 
-    /// What they are like.
+    /// Properties of the learnt tests.
     pub(in crate::detect::runs) fn likeness(&self) -> Likeness {
         self.whitener.likeness()
     }

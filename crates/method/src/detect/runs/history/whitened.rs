@@ -3,7 +3,7 @@
 use crate::statistics::descriptive::median;
 use armwatch_model::analysis::Estimate;
 
-/// Values of which each is independent of those before, each with its weight.
+/// Values that are independent of each other, each with its weight.
 pub(in crate::detect::runs) struct Whitened {
     correlation: f64,
     /// Values and roots of their weights.
@@ -16,14 +16,14 @@ pub(in crate::detect::runs) struct Fit {
     pub(in crate::detect::runs) level: f64,
     pub(in crate::detect::runs) size: f64,
     pub(in crate::detect::runs) size_error: f64,
-    /// Weighted sum of squares that is left.
+    /// Weighted residual sum of squares.
     pub(in crate::detect::runs) rest: f64,
 }
 
 impl Whitened {
-    /// Of tests, oldest first, with the standard deviation of one about the level and the lag-1 autocorrelation.
+    /// Whitens tests, oldest first, with the standard deviation of one about the level and the lag-1 autocorrelation.
     pub(in crate::detect::runs) fn new(tests: &[Estimate], deviation: f64, correlation: f64) -> Self {
-        // most of a standard error is alike in all tests: it says which ones are less certain than usual, no more
+        // most of a standard error is the same in all tests: it only shows which ones are less certain than usual
         let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>()).unwrap_or(0.0);
         let root = |(place, of): (usize, &Estimate)| {
             let first = if place == 0 { 1.0 } else { (1.0 - correlation * correlation).sqrt() };
@@ -36,7 +36,7 @@ impl Whitened {
         whitened
     }
 
-    /// A pattern, whitened as the values are.
+    /// A pattern, whitened like the values.
     fn of(&self, pattern: impl Fn(usize) -> f64) -> Vec<f64> {
         let one = |i: usize| match i {
             0 => pattern(0),
@@ -59,11 +59,12 @@ impl Whitened {
         sums.fit()
     }
 
-    /// The same of a jump with the test at each place from 1 on, the first place first.
+    /// Fits of a jump with the test at each place from 1 on, the first place first.
     pub(in crate::detect::runs) fn jumps(&self) -> Vec<Fit> {
         let level = self.of(|_| 1.0);
         let whole = (dot(&level, &level), dot(&level, &self.values), dot(&self.values, &self.values));
-        // whitened, a jump is zero before its first test, that test's root there, and the level's pattern from the next on
+        // a whitened jump is zero before its first test, that test's root there, and the level's pattern from the next
+        // on
         let (mut behind, mut behind_value) = (0.0, 0.0);
         let mut fits: Vec<Fit> = (1..self.roots.len())
             .rev()

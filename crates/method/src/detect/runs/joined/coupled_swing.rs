@@ -1,10 +1,10 @@
 //! Joints that oscillate together: one alarm of the arm that names them.
 //!
-//! A belt, a coupled wrist or a supply that swings moves the friction of several joints in the same cycles.
-//! Joints whose friction oscillates in the same tests belong together if what their cycles differ by from a smooth course of the
-//! test is correlated: by [`LEAST_CORRELATION`] or more, and beyond what chance does to two joints that swing by
-//! themselves (Fisher's z over all tests that both oscillate in). The sign does not matter: what gives to one joint may
-//! take from the other.
+//! A belt, a coupled wrist or an unsteady supply moves the friction of several joints in the same cycles. Joints whose
+//! friction oscillates in the same tests belong together if the residuals of their cycles about a smooth course of the
+//! test are correlated: by [`LEAST_CORRELATION`] or more, and beyond chance for two independent joints (Fisher's z over
+//! all tests that both oscillate in). The sign does not matter: friction of one joint may rise while that of the other
+//! falls.
 
 use super::one_of_several::{joints_of, one_of_arm};
 use crate::detect::runs::curve::points::{Curve, curves};
@@ -14,12 +14,12 @@ use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use armwatch_model::robot::JointIndex;
 
-/// Least correlation: half of what one joint does is what the other does.
+/// Least correlation: each joint then explains half of the variance of the other.
 const LEAST_CORRELATION: f64 = 0.7;
-/// Probability with which a pair of joints that swing by themselves may be taken for a coupled one.
+/// Probability that a pair of independent joints counts as coupled.
 const BY_CHANCE: f64 = 1e-3;
 
-/// What two joints have in common in the cycles of the tests in which both oscillate.
+/// Coupling of two joints in the cycles of the tests with oscillations of both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SwingCoupling {
     correlation: f64,
@@ -27,8 +27,8 @@ struct SwingCoupling {
     tests: usize,
 }
 
-/// Joins the oscillations of joints that swing together; `runs` are the tests of the robot, oldest first. All else stays
-/// as it is.
+/// Joins the oscillations of joints that swing together; `runs` are the tests of the robot, oldest first. All other
+/// anomalies are unchanged.
 pub(in crate::detect::runs) fn joined(
     mut found: Vec<Anomaly>,
     runs: &[RunSummary],
@@ -48,7 +48,7 @@ pub(in crate::detect::runs) fn joined(
     while let Some(first) = free.pop() {
         let mut group = vec![first];
         let mut couplings: Vec<SwingCoupling> = Vec::new();
-        // whatever swings with one of the group belongs to it
+        // a joint that swings with one of the group belongs to it
         while let Some((at, coupling)) = free.iter().enumerate().find_map(|(at, &other)| {
             let with = |&one: &usize| coupled(&found[one], &found[other], &residuals, &span);
             Some((at, group.iter().find_map(with)?))
@@ -82,7 +82,7 @@ pub(in crate::detect::runs) fn joined(
     found
 }
 
-/// How two oscillations of friction hang together, where they do.
+/// The coupling of two oscillations of friction, if there is one.
 fn coupled(
     one: &Anomaly,
     other: &Anomaly,
@@ -103,7 +103,7 @@ fn coupled(
             .iter()
             .filter_map(|(cycle, x)| of_b.iter().find(|(of, _)| of == cycle).map(|(_, y)| (*x, *y)))
             .collect();
-        // the smooth course has taken some degrees of freedom
+        // the smooth course used some degrees of freedom
         let left = pairs.len() as f64 - within_run::COURSE_PARAMETERS;
         if left < 2.0 {
             continue;
@@ -127,7 +127,7 @@ fn coupled(
     is_coupled.then_some(SwingCoupling { correlation, cycles, tests })
 }
 
-/// What the friction of each cycle of a joint differs by from a smooth course of its test, by test.
+/// Residual of each cycle of a joint about a smooth course of its test, by test.
 fn residuals(runs: &[RunSummary], joint: JointIndex) -> Vec<Vec<(u32, f64)>> {
     let of = |curve: &Curve| {
         let left = within_run::residuals(curve).unwrap_or_default();
@@ -136,7 +136,7 @@ fn residuals(runs: &[RunSummary], joint: JointIndex) -> Vec<Vec<(u32, f64)>> {
     curves(runs, joint).iter().map(of).collect()
 }
 
-/// The alarm of the arm for the oscillations of joints that swing together; `same` are further ones of these joints.
+/// The alarm of the arm for the oscillations of joints that swing together; `same` are additional ones of these joints.
 fn one_alarm(group: &[&Anomaly], same: &[&Anomaly], coupling: SwingCoupling) -> Anomaly {
     let mut by_joint: Vec<&Anomaly> = group.to_vec();
     by_joint.sort_by_key(|of| of.joint);
@@ -171,7 +171,7 @@ mod tests {
     use crate::detect::runs::detect;
     use armwatch_model::anomaly::settings::DetectSettings;
 
-    /// Oscillations of a fleet of which two joints swing, from the ninth test on.
+    /// Oscillations of a fleet with two joints that swing from the ninth test on.
     fn oscillations(seed: u64, swing: fn(usize, u32) -> f64) -> Vec<Anomaly> {
         let state = |run: i64| State { friction: (run >= 8).then_some(swing), ..State::default() };
         let mut found = detect(&fleet(12, seed, state), &DetectSettings::default()).anomalies;
@@ -179,7 +179,7 @@ mod tests {
         found
     }
 
-    /// A number between -1 and 1 of a cycle, without a rule.
+    /// A pseudo-random number between -1 and 1 for a cycle.
     fn drawn(cycle: u32, salt: u32) -> f64 {
         let hash = cycle.wrapping_mul(2_654_435_761).rotate_left(7) ^ salt.wrapping_mul(40_503);
         f64::from(hash.wrapping_mul(2_246_822_519) >> 16) / 32_767.5 - 1.0

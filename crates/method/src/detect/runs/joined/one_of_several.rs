@@ -2,7 +2,7 @@
 
 use armwatch_model::anomaly::Anomaly;
 
-/// `like` as an alarm of the arm that lasts as long as all of these together, and is as severe as the worst of them.
+/// `like` as an alarm of the arm that lasts as long as all of these together, with the severity of the worst of them.
 pub(super) fn one_of_arm(all: &[&Anomaly], like: &Anomaly) -> Anomaly {
     let first = all.iter().copied().min_by_key(|of| (of.first_seen_at, of.joint)).unwrap_or(like);
     let last = all.iter().copied().max_by_key(|of| of.last_seen_at).unwrap_or(like);

@@ -1,11 +1,11 @@
-//! Thermal: alarms of joints' warm-ups that are the arm's.
+//! Thermal: alarms of joints' warm-ups that have a common cause.
 //!
-//! Another lubricant changes the warm-up of all joints, of some more than of others, and shows in one joint before what
-//! all joints share is beyond chance ([`crate::detect::runs::joint_detectors::warm_up`]). Alarms of two
-//! joints to the same side, at the same time or soon after one another, are the arm's: one cause is likelier than two.
-//! So is an alarm of one joint if what all joints share, their median, jumped with it to the same side, by
+//! Another lubricant changes the warm-up of all joints, of some more than of others. It shows in one joint before the
+//! part that all joints share is beyond chance ([`crate::detect::runs::joint_detectors::warm_up`]). Alarms of two
+//! joints to the same side, at the same time or soon after one another, become one alarm of the arm: one cause is
+//! likelier than two. So does an alarm of one joint if the median over all joints jumped with it to the same side, by
 //! [`LEAST_FACTOR`] or more, [`LEAST_PART`] of the joint's own factor and [`CLEAR_ERRORS`] standard errors. The place
-//! of that jump is given, so that chance has one try.
+//! of that jump is given, so chance has one try.
 
 use super::one_of_several::{joints_of, one_of_arm};
 use crate::detect::runs::curve::run_cause::RunCause;
@@ -19,11 +19,11 @@ use armwatch_model::anomaly::{Anomaly, AnomalyKind};
 /// The quantities of warm-ups, of a joint and of the arm.
 const OF_JOINT: Quantity = Quantity::WarmUpTimeRatio;
 const OF_ARM: Quantity = Quantity::CommonWarmUpTimeRatio;
-/// Least jump of what all joints share, as a part of the joint's, in logarithms.
+/// Least jump of the common part of all joints, as a part of the joint's, in logarithms.
 const LEAST_PART: f64 = 0.6;
-/// Standard errors that it is away from none.
+/// Least size of that jump in standard errors.
 const CLEAR_ERRORS: f64 = 3.0;
-/// Most tests from the last one of an alarm to the first one of the next, where they are one after the other.
+/// Most tests from the last one of an alarm to the first one of the next, for alarms in succession.
 const APART: usize = 2;
 /// Most tests between the onsets of two alarms of one cause.
 const TOGETHER: usize = 10;
@@ -31,14 +31,15 @@ const TOGETHER: usize = 10;
 /// An alarm of a warm-up with the places of its tests.
 struct WarmUpAlarm {
     alarm: Anomaly,
-    /// Of its onset and of its last test.
+    /// Places of its onset and of its last test.
     span: (usize, usize),
     is_longer: bool,
-    /// Whether what all joints share shows it, too.
+    /// True if the common part of all joints shows it too.
     is_shared: bool,
 }
 
-/// Joins the alarms of the arm's warm-up and those of joints in the same tests that belong to it. All else stays as it is.
+/// Joins the alarms of the arm's warm-up and those of joints in the same tests that belong to it. All other anomalies
+/// are unchanged.
 pub(in crate::detect::runs) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> Vec<Anomaly> {
     let place = |run_id: i64| part.moments.iter().position(|(id, _)| *id == run_id);
     let seen = |of: &Anomaly| {
@@ -79,7 +80,7 @@ pub(in crate::detect::runs) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> V
     rest
 }
 
-/// Whether what all joints share jumped with an alarm of one of them, so that it is the arm's.
+/// Returns true if the common part of all joints jumped with an alarm of one of them, so that it is the arm's.
 fn all_jumped_with(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option<RunCause>]) -> bool {
     let known = |at: usize| Some((at, causes.get(at)?.as_ref()?.warm_up?.ln_factor));
     let tests: Vec<(usize, Estimate)> = (0..=last).filter_map(known).collect();
@@ -92,7 +93,7 @@ fn all_jumped_with(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option
     })
 }
 
-/// The alarm of the arm that these are. The factor is the arm's own, where it has an alarm, else the geometric mean of the joints'.
+/// One alarm of the arm for these. The factor is that of the arm's alarm, otherwise the geometric mean of the joints'.
 fn one_alarm(parts: &[Anomaly], is_shared: bool) -> Option<Anomaly> {
     let all: Vec<&Anomaly> = parts.iter().collect();
     let own = parts.iter().filter(|of| of.joint.is_none()).max_by_key(|of| of.last_seen_at);
@@ -116,7 +117,7 @@ fn one_alarm(parts: &[Anomaly], is_shared: bool) -> Option<Anomaly> {
         score: value.ln().abs(),
         peak_value: own.map_or(value, |of| of.peak_value),
         peak_score: own.map_or(value.ln().abs(), |of| of.peak_score),
-        // what causes of one joint were weighed says nothing of the arm's
+        // the compared causes of one joint are not those of the arm
         odds: own.and_then(|of| of.odds),
         alternatives: own.map_or_else(Vec::new, |of| of.alternatives.clone()),
         message: format!(
@@ -174,7 +175,7 @@ mod tests {
         let history =
             fleet(30, 1, |run| State { slower: (run >= 12).then_some((2, 2.2)), ..State::default() });
         let alarm = only(&history, AnomalyKind::Thermal, Some(3));
-        // what all joints share: a scatter of 0.05, and a jump with the thirteenth test
+        // the common part of all joints: a scatter of 0.05, and a jump with the thirteenth test
         let is_of_arm = |jump: f64| {
             let of = |run: usize| {
                 let value =

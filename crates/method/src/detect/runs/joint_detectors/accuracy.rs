@@ -1,15 +1,15 @@
 //! Accuracy: the identified model does not explain the torque of a joint.
 //!
-//! The quantity is the moving relative RMSD of the excitation stage, a fraction of the torque. The limits are
-//! absolute. A run is out above `accuracy_warning` (0.10 unless configured, the limit of the thesis) and
-//! critical above `accuracy_critical` (0.15). If the joint's baseline, the median of its first runs, is above
-//! `accuracy_warning` itself, a run of up to 1.3 times the baseline ([`ACCURACY_AS_EVER`]) is only worth
-//! knowing (`info`).
+//! The quantity is the moving relative RMSD of the excitation stage, a fraction of the torque. The limits are absolute.
+//! A run is out above `accuracy_warning` (0.10 unless configured, the limit of the thesis) and critical above
+//! `accuracy_critical` (0.15). If the joint's baseline, the median of its first runs, is itself above
+//! `accuracy_warning`, the severity of a run of up to 1.3 times the baseline ([`ACCURACY_AS_EVER`]) is `info`.
 //!
-//! An error that is small in Nm says nothing of the model, whatever part of a small torque it is: one below 1 % of the
-//! largest torque among the arm's joints, or below three standard deviations of the channel's noise, is none. Until
-//! the joint has a baseline, an error within 60 % of its own friction is worth knowing only: friction may have another
-//! shape than the description's law. The refusal of a cycle (`unexplained_torque`) goes by the same figures.
+//! An error that is small in Nm does not show a wrong model, even if it is a large part of a small torque. So an error
+//! below 1 % of the largest torque among the arm's joints, or below three standard deviations of the channel's noise,
+//! does not count. Until the joint has a baseline, an error within 60 % of the joint's friction has the severity
+//! `info`: friction may have another shape than the description's law. The refusal of a cycle (`unexplained_torque`)
+//! uses the same values.
 
 use crate::detect::control_chart::baseline;
 use crate::detect::detector::Detector;
@@ -19,18 +19,18 @@ use crate::diagnose::model::weigh::WeighSettings;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// A relative RMSD beyond its limit that is within this factor of the joint's own baseline is how
-/// the joint has always been: worth knowing, not worth a call.
+/// Largest factor on the joint's own baseline that still makes a relative RMSD beyond its limit the joint's usual
+/// state, with the severity `info`.
 const ACCURACY_AS_EVER: f64 = 1.3;
 
 pub(super) struct Accuracy;
 
-/// What a run says of how large an error matters.
+/// Least errors that matter in a run, as parts of the joint's torque.
 #[derive(Debug, Clone, Copy, Default)]
 struct Floors {
-    /// As parts of the joint's torque: below, there is no error.
+    /// Below this value there is no error.
     none: f64,
-    /// Up to here it may be friction of another shape.
+    /// Up to this value it may be friction of another shape.
     friction: f64,
 }
 

@@ -1,4 +1,4 @@
-//! When friction of a joint will reach its limits: a local trend of its tests, continued.
+//! Forecast of the days when friction of a joint reaches its limits: a local trend of its tests, continued.
 //!
 //! Friction `y` at the times `t` of the tests is a level with noise, and the level has a slope that may grow, stay or
 //! fade (local linear trend in continuous time: Harvey 1989, chapters 2.3 and 9; Durbin and Koopman 2012, chapter 3.2):
@@ -9,17 +9,17 @@
 //! d slope = g slope dt + b dW2
 //! ```
 //!
-//! `s` is the standard error of the test. `g` above zero is wear that accelerates, below zero wear that stalls; `a` is
-//! wear in jerks, as irregular use makes it. Time counts in spans of the tests. `g`, `a`, `b` and `r` are not known: each
-//! combination of [`GROWTHS`], [`LEVEL_NOISES`], [`SLOPE_NOISES`] and [`ERROR_SCALES`] has a weight that the likelihood of
-//! the tests gives it (Kalman filter, prediction error decomposition), and the forecast is the mixture of all. The
-//! error is robust: a test further off than [`CLIPPED_AT`] standard deviations has a variance under which it is not
-//! (Huber 1981).
+//! `s` is the standard error of the test. `g` above zero is accelerating wear, below zero stalling wear; `a` is
+//! irregular wear, as in irregular use. The unit of time is the span of the tests. `g`, `a`, `b` and `r` are unknown:
+//! each combination of [`GROWTHS`], [`LEVEL_NOISES`], [`SLOPE_NOISES`] and [`ERROR_SCALES`] has a weight from the
+//! likelihood of the tests (Kalman filter, prediction error decomposition), and the forecast is the mixture of all. The
+//! error is robust: a test further off than [`CLIPPED_AT`] standard deviations gets a larger variance, so that it is
+//! just that far off (Huber 1981).
 //!
-//! The probability that a limit is reached before `t` is taken as the largest probability until `t` that the level is
-//! beyond it. That is exact for wear that does not go back. A level that goes to and fro reaches a limit somewhat earlier
-//! than that. Since forecasts are made of significant trends alone, the difference is small; the simulated fates of
-//! docs/method.md have it in them.
+//! The probability that a limit is reached before `t` is approximated by the largest probability until `t` that the
+//! level is beyond it. This is exact for wear that only grows. A level that goes up and down reaches a limit somewhat
+//! earlier. Since only significant trends have a forecast, the difference is small; the simulated fates of
+//! docs/method.md include it.
 
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
@@ -30,16 +30,16 @@ use crate::statistics::descriptive::median;
 use crate::statistics::distributions::normal_probability;
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
 
-/// Tests that a trend needs.
+/// Fewest tests for a trend.
 const FEWEST_TESTS: usize = 8;
 
-/// Latest tests that a trend is taken from: what was long before says little of the present slope.
+/// Most of the latest tests for a trend: older ones say little about the present slope.
 const LATEST_TESTS: usize = 120;
 
 /// Probability of its sign that makes a slope a trend.
 const SIGNIFICANT: f64 = 0.95;
 
-/// Furthest forecast, in spans of the tests: four times as far as was looked back.
+/// Furthest forecast, in spans of the tests.
 const HORIZON_SPANS: f64 = 4.0;
 
 /// Furthest forecast, in days: two years.
@@ -48,7 +48,7 @@ const HORIZON_DAYS: f64 = 730.0;
 /// Probabilities of begin, middle and end of the interval.
 const QUANTILES: [f64; 3] = [0.1, 0.5, 0.9];
 
-/// Standard deviations from its prediction from which on a test is believed less.
+/// Largest distance of a test from its prediction with full weight, in standard deviations.
 const CLIPPED_AT: f64 = 2.5;
 
 /// Standard deviation of the first level about the first tests, as a fraction of the baseline.
@@ -71,10 +71,10 @@ const LEVEL_NOISES: [(f64, f64); 4] = [(0.0, 1.0), (0.02, 0.18), (0.05, 0.06), (
 /// Scatter of the tests in stated standard errors `r`, with prior weights.
 const ERROR_SCALES: [(f64, f64); 3] = [(0.75, 0.27), (1.0, 1.0), (1.3, 1.0)];
 
-/// Weight below which a combination is left out.
+/// Weight below which a combination is omitted.
 const NEGLIGIBLE: f64 = 1e-6;
 
-/// Moments at which a probability is computed, closer together in the near future.
+/// Number of moments with a computed probability, closer together in the near future.
 const MOMENTS: usize = 150;
 
 /// The first of them after now, as a fraction of the horizon.
@@ -91,10 +91,10 @@ pub(super) struct Test {
     pub(in crate::detect::runs) std_error: f64,
 }
 
-/// Forecast from tests, oldest first; `limits` are changes of friction from 1. `None` with fewer than
-/// [`FEWEST_TESTS`] tests, which say neither that there is a trend nor that there is none.
+/// Forecast from tests, oldest first; `limits` are changes of friction from 1. `None` with fewer than [`FEWEST_TESTS`]
+/// tests, which are too few for a trend or its absence.
 ///
-/// Dates are of the calendar: they assume that the robot works on as it did between these tests.
+/// Dates are calendar days: they assume that the robot continues to be used as between these tests.
 pub(super) fn forecast(tests: &[Test], limits: &Limits) -> Option<Forecast> {
     let tests = &tests[tests.len().saturating_sub(LATEST_TESTS)..];
     let (first, last) = (tests.first()?.at, tests.last()?.at);
@@ -122,7 +122,7 @@ pub(super) fn forecast(tests: &[Test], limits: &Limits) -> Option<Forecast> {
     Some(Forecast { trend, warning_at: crossing(warning), critical_at: crossing(critical) })
 }
 
-/// One combination of unknowns, what it makes of the tests, and how much it is believed.
+/// One combination of unknowns, its state after the tests, and its weight.
 struct Member {
     weight: f64,
     dynamics: Dynamics,
@@ -178,7 +178,7 @@ impl TrendState {
         }
     }
 
-    /// The state with a test of the value `ratio`, and the logarithm of the density with which it was predicted.
+    /// The state after a test of the value `ratio`, and the logarithm of the predictive density of that value.
     fn with(&self, ratio: f64, variance: f64) -> (Self, f64) {
         let off = ratio - self.level;
         let expected = self.level_variance + variance;
@@ -237,18 +237,18 @@ fn members(tests: &[Test], first: Timestamp, span_days: f64) -> Vec<Member> {
     members
 }
 
-/// When a limit is reached.
+/// Time until a limit is reached.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Reach {
-    /// More likely than not, it is already.
+    /// Reached already, more likely than not.
     Passed,
     /// Spans from now with the probabilities [`QUANTILES`]; `None` beyond the horizon.
     Ahead([Option<f64>; 3]),
-    /// More likely than not, not within the horizon.
+    /// Not reached within the horizon, more likely than not.
     Beyond,
 }
 
-/// When the level has changed by `limit` towards `side`.
+/// Time until the level has changed by `limit` towards `side`.
 fn reach(members: &[Member], side: f64, limit: f64, horizon: f64) -> Reach {
     let beyond = |spans: f64| -> f64 {
         let one = |of: &Member| {
@@ -282,7 +282,7 @@ fn reach(members: &[Member], side: f64, limit: f64, horizon: f64) -> Reach {
     }
 }
 
-/// The days that lie `days` after `last`; the interval is rounded outwards.
+/// The days that are `days` after `last`; the interval is rounded outwards.
 fn crossing(last: Timestamp, [lower, by, upper]: [Option<f64>; 3]) -> Option<Crossing> {
     let day = |days: f64| -> Option<Date> {
         let after = SignedDuration::try_from_secs_f64(days * SECONDS_PER_DAY).ok()?;

@@ -1,13 +1,13 @@
 //! Drift of friction: the friction of a joint leaves its baseline and stays away from it.
 //!
-//! The quantity is friction as a multiple of the joint's first runs ([`FrictionHistory`]): the friction index
-//! or, for runs without one, warm friction or friction of the excitation. The detector follows its EWMA, in
-//! which a run with a larger standard error has a smaller weight. A run is out if the EWMA differs from 1 by
-//! `drift_warning` (a fraction, 0.05 unless configured), or by as much as chance moves it at the rate of false alarms that
-//! is asked for, if that is more ([`LevelLimit`]). It is critical from `drift_critical` (0.15) on; friction that has fallen
-//! by less is worth knowing, since gears are run in and greased. Two tests in a row that are each beyond chance on one side
-//! of the average move it to their level. A change is over below three quarters of its limit. A smaller change is a warning
-//! too where it grows with every test ([`super::steady_rise`]).
+//! The quantity is friction as a multiple of the joint's first runs ([`FrictionHistory`]): the friction index or, for
+//! runs without one, warm friction or friction of the excitation. The detector follows its EWMA; a run with a larger
+//! standard error has a smaller weight. A run is out if the EWMA differs from 1 by `drift_warning` (a fraction, 0.05
+//! unless configured), or by the limit of chance at the set rate of false alarms, if that is more ([`LevelLimit`]). It
+//! is critical from `drift_critical` (0.15) on. Friction that has fallen by less has the severity `info`, since gears
+//! are run in and greased. If two tests in a row are each beyond chance on one side of the average, they move it to
+//! their level. A change is over below three quarters of its limit. A smaller change is also a warning if it grows with
+//! every test ([`super::steady_rise`]).
 
 use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
@@ -23,10 +23,10 @@ use armwatch_model::anomaly::forecast::{Forecast, Trend};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Standard errors of a run's own ratio below which no change counts: much of them is the map's, which errs alike from
-/// run to run and is not averaged away.
+/// Standard errors of a run's own ratio below which no change counts: much of them is the error of the friction map,
+/// which is the same in all runs and is not averaged away.
 const MAP_ERRORS: f64 = 3.0;
-/// Part of its limit below which a change has to fall to be over.
+/// Part of its limit below which a change is over.
 const CLOSING: f64 = 0.75;
 
 pub(super) struct FrictionDrift;
@@ -44,7 +44,7 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
         let Judged { mut verdicts, rises, changes, .. } = judged(series);
         for (first, last) in episodes(&verdicts, &changes) {
             match episode_shape(series, &rises, &changes, first, last) {
-                // another detector's affair
+                // reported by another detector
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Drift { run } => {
                     for (place, verdict) in (first..=last).zip(&mut verdicts[first..=last]) {
@@ -64,20 +64,20 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
     }
 }
 
-/// What the causes of a test's friction curve say of another level of friction.
+/// Odds and alternatives of another level of friction, from the causes of a test's friction curve.
 pub(super) fn why_level(series: &JointSeries<'_>, run: usize) -> Why {
     let compared = series.causes.get(run).and_then(Option::as_ref).and_then(RunCause::odds_of_level);
     let (odds, alternatives) = compared.unzip();
     Why { odds, alternatives: alternatives.unwrap_or_default(), ..Why::default() }
 }
 
-/// When friction will reach its limits, as the latest run lets expect. A jump of friction says nothing of a trend, so
-/// runs before the last one are left out.
+/// Forecast of friction after the latest run. A jump of friction is not part of a trend, so runs before the last one
+/// are omitted.
 pub(in crate::detect::runs) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
     let friction = series.friction;
     let Judged { verdicts, limit, rises, changes } = judged(series);
     let last_jump = |(first, last)| match episode_shape(series, &rises, &changes, first, last) {
-        // the run in which friction jumped is of both levels
+        // the run with the jump has both levels
         Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
         Shape::Drift { .. } => None,
     };
@@ -96,8 +96,7 @@ pub(in crate::detect::runs) fn outlook(series: &JointSeries<'_>) -> Option<Forec
     forecast(&tests, &Limits { warning, ..limit.limits() })
 }
 
-/// What a drift's message says of its future: nothing without a trend away from the baseline, or where the critical
-/// limit is passed.
+/// Forecast for a drift's message: empty without a trend away from the baseline, or if the critical limit is passed.
 fn at_this_rate(outlook: &Forecast, is_above: bool) -> String {
     let away = if is_above { Trend::Rising } else { Trend::Falling };
     match outlook.critical_at.filter(|_| outlook.trend == away) {
@@ -106,7 +105,7 @@ fn at_this_rate(outlook: &Forecast, is_above: bool) -> String {
     }
 }
 
-/// First and last run of each stretch of runs that are out to one side; one quiet run in between does not end it.
+/// First and last run of each sequence of runs that are out to one side; one quiet run in between does not end it.
 pub(in crate::detect::runs) fn episodes(verdicts: &[Verdict], changes: &[f64]) -> Vec<(usize, usize)> {
     let mut found: Vec<(usize, usize)> = Vec::new();
     let mut quiet = 2;
@@ -127,7 +126,7 @@ pub(in crate::detect::runs) fn episodes(verdicts: &[Verdict], changes: &[f64]) -
     found
 }
 
-/// The shape of an episode of [`judged`]: a drift where it began with a steady rise.
+/// The shape of an episode of [`judged`]: a drift if it began with a steady rise.
 pub(super) fn episode_shape(
     series: &JointSeries<'_>,
     rises: &[Option<usize>],
@@ -141,29 +140,29 @@ pub(super) fn episode_shape(
     }
 }
 
-/// What the level of friction says.
+/// Evaluation of the level of friction.
 pub(in crate::detect::runs) struct Judged {
-    /// Which runs have friction away from the baseline, whatever the shape.
+    /// Runs with friction away from the baseline, whatever the shape.
     pub(in crate::detect::runs) verdicts: Vec<Verdict>,
     /// The limit as it is after the latest run.
     pub(in crate::detect::runs) limit: LevelLimit,
-    /// Of each run that is out by a steady rise alone, the place of the run in which it began.
+    /// For each run that is out only by a steady rise, the place of its first run.
     pub(super) rises: Vec<Option<usize>>,
-    /// Smoothed change of each run, as a fraction of the baseline; of a steady rise that since its beginning. Zero for
-    /// runs that are not compared.
+    /// Smoothed change of each run, as a fraction of the baseline; for a steady rise, the change since its beginning.
+    /// Zero for runs that are not compared.
     pub(in crate::detect::runs) changes: Vec<f64>,
 }
 
-/// Looks at the level of friction.
+/// Evaluates the level of friction.
 pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
     let friction = series.friction;
     let mut limit = LevelLimit::new(series);
     let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
     let mut chart = UnequalEwma::new(1.0, friction.spread);
     let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
-    // limit at which the present episode began
+    // limit at the beginning of the present episode
     let mut opened: Option<f64> = None;
-    // how far the test before was from the average, and whether that was beyond chance
+    // distance of the test before from the average, and whether it was beyond chance
     let mut before = (0.0, false);
     let mut rises = vec![None; series.runs.len()];
     let mut changes = vec![0.0; series.runs.len()];
@@ -177,7 +176,7 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
             verdicts[observed.run] = Verdict::Quiet;
             continue;
         }
-        // what explains this run otherwise says nothing of the level of friction
+        // a run with another explanation does not count for the level of friction
         if series.is_level_explained(observed.run) {
             continue;
         }
@@ -185,7 +184,7 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
         let average = chart.average();
         let mut change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
         let is_shifted = limit.is_shifted(observed);
-        // a test that is uncertain moves the average little: two that agree on another level say where it is
+        // an uncertain test moves the average little: two that agree on another level set it
         let own = friction.variance(observed).max(observed.uncertainty().powi(2));
         let chance = limit.limits().threshold((own + friction.baseline_variance).sqrt());
         let now = (observed.ratio - average, (observed.ratio - average).abs() >= chance);
@@ -213,7 +212,7 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
                     verdicts[observed.run] = of_rise(&of, observed, baseline, opening);
                 }
                 None => {
-                    // scatter that is told by itself is not the usual one
+                    // scatter that is reported separately is not the usual one
                     if !series.is_scattered(observed.run) {
                         limit.quiet(observed);
                     }
@@ -225,7 +224,7 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
         opened = Some(opening);
         limit.out();
         verdicts[observed.run] = Verdict::Out {
-            // what is run in and what gets new grease has less friction
+            // run-in and new grease lower friction
             severity: if change < 0.0 && severity < Severity::Critical { Severity::Info } else { severity },
             score: change.abs(),
             threshold: opening,
@@ -238,7 +237,7 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
     Judged { verdicts, limit, rises, changes }
 }
 
-/// The rise that goes on after the latest of the tests `compared`, whose smoothed friction is `average`: one that is found,
+/// The rise that continues after the latest of the tests `compared`, whose smoothed friction is `average`: a new one,
 /// or the one `before` until it is over.
 fn rising(
     friction: &FrictionHistory,
@@ -252,7 +251,7 @@ fn rising(
     let goes_on = |of: Rise| Rise { size: average - of.level, tests: of.tests + 1, ..of };
     let going_on = before.map(goes_on).filter(|of| of.size >= CLOSING * of.least);
     match (found, going_on) {
-        // the same one is known better, but it keeps its beginning
+        // the later estimate is more exact, but the earlier beginning is kept
         (Some(found), Some(known)) => Some(Rise { run: known.run.min(found.run), ..found }),
         (found, known) => found.or(known),
     }
@@ -284,7 +283,7 @@ fn of_rise(rise: &Rise, observed: &Observed, baseline: f64, limit: f64) -> Verdi
     }
 }
 
-/// Says first what decides, the smoothed change, then what this run alone gave.
+/// Message with the smoothed change, which decides, followed by the result of this run alone.
 fn message(change: f64, threshold: f64, observed: &Observed, friction: &FrictionHistory) -> String {
     let (side, advice) = if change > 0.0 {
         ("above", "check lubrication, gearbox and brake")

@@ -1,12 +1,12 @@
 //! Step: the friction of a joint jumps, inside a run or between two.
 //!
-//! Inside a run the comparison of causes finds it ([`crate::detect::runs::curve`]), at the cycle with which
-//! it came, also in the runs of the baseline. Between runs the control chart of [`super::friction_drift`] finds that
-//! friction is away from its baseline, and the shape of the runs about the beginning says that it came at once
-//! ([`super::friction_change`]). The episode goes on as long as friction stays away. In a joint whose friction
-//! scattered from cycle to cycle in one of the eight tests before, a step inside a run has to be likelier by what
-//! scatter is likelier beforehand. A step is worth knowing from a twentieth of friction on, a warning from
-//! `drift_warning` on and critical from `drift_critical` on.
+//! Inside a run the comparison of causes ([`crate::detect::runs::curve`]) finds it and its first cycle, also in the
+//! runs of the baseline. Between runs the control chart of [`super::friction_drift`] finds that friction is away from
+//! its baseline, and the shape of the runs about the beginning shows a sudden change ([`super::friction_change`]). The
+//! episode continues as long as friction stays away. If friction of the joint scattered from cycle to cycle in one of
+//! the eight tests before, a step inside a run must also make up for the higher prior of scatter. A step has the
+//! severity `info` from a twentieth of friction on, a warning from `drift_warning` on and critical from
+//! `drift_critical` on.
 
 use super::friction_change::Shape;
 use super::friction_drift::{Judged, episode_shape, episodes, judged, why_level};
@@ -34,7 +34,7 @@ impl Detector<JointSeries<'_>> for FrictionStep {
             match episode_shape(series, &rises, &changes, first, last) {
                 Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Step { run, cycle, size } => {
-                    // what the test says in which it jumped, or, between two, each test behind it
+                    // odds of the test with the jump, or, between two tests, of each test after it
                     let inside = series.causes.get(run).and_then(Option::as_ref).filter(|_| cycle.is_some());
                     for (place, verdict) in (first..=last).zip(&mut verdicts[first..=last]) {
                         if let Verdict::Out { why, message, .. } = verdict {
@@ -73,11 +73,11 @@ fn with(cycle: Option<u32>) -> String {
     cycle.map_or(" between two tests".into(), |cycle| format!(" with cycle {cycle} of a test"))
 }
 
-/// The verdict on a step inside a run.
+/// The verdict about a step inside a run.
 fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
     let found = series.causes.get(run)?.as_ref()?;
     let Some(Cause::Step { cycle, size }) = found.clear() else { return None };
-    // few cycles that scatter look like a step now and then
+    // few cycles with scatter sometimes look like a step
     if series.scattered_before(run) && !found.is_clear_where_it_scatters() {
         return None;
     }

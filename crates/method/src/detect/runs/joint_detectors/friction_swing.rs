@@ -1,10 +1,10 @@
 //! Oscillation: the friction of a joint varies from cycle to cycle.
 //!
 //! The quantity is the standard deviation of a cycle's friction about the smooth curve of its run, as a fraction of
-//! friction. Each cycle is identified anew, so that the torque's RMSD stays quiet. The comparison of causes
-//! ([`crate::detect::runs::curve`]) tells scatter from a step and from warm-up. A run is out from 3 % on,
-//! whatever the joint's own history: a joint that always swung is found in its first run. Below 5 % one run is worth
-//! knowing, and a warning if the run before shows it too. It is critical from 10 % on.
+//! friction. Each cycle is identified separately, so the torque's RMSD stays quiet. The comparison of causes
+//! ([`crate::detect::runs::curve`]) distinguishes scatter from a step and from warm-up. A run is out from 3 % on,
+//! whatever the joint's own history: a joint that always swung is found in its first run. Below 5 %, one run has the
+//! severity `info`, and is a warning if the run before shows it too. It is critical from 10 % on.
 
 use crate::detect::detector::Detector;
 use crate::detect::runs::curve::hypothesis::Cause;
@@ -13,10 +13,10 @@ use crate::detect::verdict::{Verdict, Why};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Swing that is a warning, and one that is critical, as fractions of friction.
+/// Swings for a warning and for critical, as fractions of friction.
 const WARNING: f64 = 0.03;
 const CRITICAL: f64 = 0.10;
-/// Swing that no second run has to confirm.
+/// Swing that needs no confirmation by a second run.
 const PLAIN: f64 = 0.05;
 
 pub(in crate::detect::runs) struct FrictionSwing;
@@ -38,7 +38,7 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
                 return Verdict::Unknown;
             }
             let Some(Cause::Scatter(size)) = found.clear() else {
-                // a few cycles do not always show it clearly: a run that may show it does not end it
+                // few cycles do not always show it clearly: a run that may show it does not end it
                 before = before && found.may_scatter();
                 return if before { Verdict::Unknown } else { Verdict::Quiet };
             };

@@ -1,15 +1,14 @@
-//! From which change on the level of a joint's friction is an alarm.
+//! Limit of the change of a joint's level of friction.
 //!
-//! A change must be worth an alarm, `drift_warning`, and more than chance: the smoothed change has the limit whose mean
-//! run length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations
-//! of the smoothed value and of the baseline together. These come from the joint's own tests, with their
-//! autocorrelation ([`QuietScatter`]), which are shrunk towards a prior while they are few: the median scatter of
-//! the arm's joints in the tests so far, if four have an index. Student's
-//! distribution widens the limit for as long. A smaller change counts as well if the tests together are beyond chance in a
-//! sequential chart ([`LevelLimit::is_shifted`]). First tests of a joint that scatter by more than three times the median
-//! of the arm's other joints have a change in them, and the limit is that of three times this median until later tests
-//! are learnt. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules
-//! all of this.
+//! A change must reach `drift_warning`, and must be more than chance. The limit of the smoothed change has the mean run
+//! length of the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations of
+//! the smoothed value and of the baseline together. These are estimated from the joint's own tests, with their
+//! autocorrelation ([`QuietScatter`]). While the tests are few, they are shrunk towards a prior: the median scatter of
+//! the arm's joints in the tests so far, if four have an index. Student's distribution widens the limit during that
+//! time. A smaller change counts as well if the tests together are beyond chance in a sequential chart
+//! ([`LevelLimit::is_shifted`]). If the first tests of a joint scatter by more than three times the median of the arm's
+//! other joints, they contain a change. The limit then uses three times this median until later tests are learnt. After
+//! [`OWN_FROM`] tests nothing more is learnt: a year of wear would be. `drift_sigma` overrides all of this.
 
 use std::cell::Cell;
 
@@ -26,26 +25,26 @@ use crate::detect::runs::series::JointSeries;
 use crate::statistics::descriptive::median;
 use armwatch_model::analysis::Estimate;
 
-/// The limit of one joint, with what has been learnt until now.
+/// The limit of one joint, with the scatter learnt so far.
 pub(in crate::detect::runs) struct LevelLimit {
     limits: Limits,
-    /// Whether `drift_sigma` says how many standard deviations count.
+    /// True if `drift_sigma` sets the number of standard deviations.
     overruled: bool,
-    /// How many count as far as is known, until the next test is learnt: a quantile that takes long to find.
+    /// Number of standard deviations, cached until the next test is learnt: the quantile is slow to compute.
     estimated: Cell<Option<f64>>,
     alpha: f64,
     scatter: QuietScatter,
-    /// Whether the level has shifted, by whatever size, and the friction of the test before.
+    /// Chart of shifts of the level of any size, and the friction of the test before.
     chart: SequentialChart,
     previous: f64,
-    /// Whether friction changed in the tests of the baseline, which say nothing of scatter then.
+    /// True if friction changed in the tests of the baseline, which then do not show the scatter.
     is_bounded: bool,
-    /// Whether the arm's joints show how much each of them scatters.
+    /// True if the scatter over the arm's joints is known.
     has_pool: bool,
-    /// Tests of the baseline.
+    /// Number of tests of the baseline.
     baseline: usize,
-    /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
-    /// standard error of a test, or what healthy joints have.
+    /// Standard deviation of the baseline, used for the variances, and the least accepted one: the usual standard error
+    /// of a test, or the value of healthy joints.
     stated: f64,
     least: f64,
     baseline_variance: f64,
@@ -79,7 +78,7 @@ impl LevelLimit {
         }
     }
 
-    /// Takes what the arm's joints show of the scatter before `run` as the prior of this one.
+    /// Uses the scatter of the arm's joints before `run` as the prior of this joint.
     pub(in crate::detect::runs) fn before(&mut self, friction: &FrictionHistory, run: usize) {
         let pooled = friction.pooled_before(run).filter(|_| !self.is_bounded && self.learnt() < OWN_FROM);
         if let Some(pooled) = pooled.map(|pooled| pooled.max(self.least)) {
@@ -99,15 +98,15 @@ impl LevelLimit {
         self.estimated.set(None);
     }
 
-    /// Takes a quiet test, which is learnt when others have followed it.
+    /// Adds a quiet test, which is learnt after later ones.
     pub(in crate::detect::runs) fn quiet(&mut self, observed: &Observed) {
         if self.scatter.quiet(estimate(observed)) {
             self.estimated.set(None);
         }
     }
 
-    /// Returns true if this test and those before it are beyond what chance makes of tests of one level: the mixture of
-    /// Shiryaev-Roberts statistics ([`crate::detect::rate::chart`]) over the scores against the tests that are learnt.
+    /// Returns true if this test and those before it are beyond chance for tests of one level: the mixture of
+    /// Shiryaev-Roberts statistics ([`crate::detect::rate::chart`]) over the scores against the learnt tests.
     pub(in crate::detect::runs) fn is_shifted(&mut self, observed: &Observed) -> bool {
         let Estimate { value, std_error } = estimate(observed);
         let score = self.scatter.score(self.previous, value, std_error);
@@ -115,24 +114,24 @@ impl LevelLimit {
         self.chart.add(score) >= sure_limit(self.alpha.recip()) && !self.overruled && !self.is_bounded
     }
 
-    /// A test is out: the ones before it may belong to what it shows.
+    /// Drops the waiting tests, since a test is out: they may belong to the same change.
     pub(in crate::detect::runs) fn out(&mut self) {
         self.chart.restart();
         self.scatter.out();
     }
 
-    /// Tests learnt.
+    /// Number of learnt tests.
     pub(in crate::detect::runs) fn learnt(&self) -> usize {
         self.scatter.learnt()
     }
 
-    /// The smoothed change at which an alarm begins; `average` is the variance of the average for values of the
-    /// history's spread.
+    /// The smoothed change that raises an alarm; `average` is the variance of the average for values with the history's
+    /// spread.
     pub(in crate::detect::runs) fn threshold(&self, average: f64) -> f64 {
         self.limits().threshold(self.deviation(average))
     }
 
-    /// Warning and critical change, and the standard deviations that could be chance.
+    /// Warning and critical change, and the number of standard deviations that are still chance.
     pub(in crate::detect::runs) fn limits(&self) -> Limits {
         let sigma = match self.overruled {
             true => self.limits.sigma,
@@ -158,12 +157,12 @@ impl LevelLimit {
         (known * (of_average + of_baseline)).sqrt()
     }
 
-    /// Standard deviation of a test about the level, as far as it is known.
+    /// Standard deviation of a test about the level, as known so far.
     pub(in crate::detect::runs) fn scatter(&self) -> f64 {
         if self.overruled { self.stated } else { self.spread(&self.scatter.likeness()) }
     }
 
-    /// The same with its autocorrelation and what both stand on.
+    /// The same with its autocorrelation and the degrees of freedom of both.
     pub(super) fn known_scatter(&self) -> Scatter {
         let likeness = self.scatter.likeness();
         Scatter {
@@ -173,12 +172,13 @@ impl LevelLimit {
         }
     }
 
-    /// Probability of a false alarm that the level has with each test; `None` where `drift_sigma` overrules the rate.
+    /// Probability of a false alarm of the level per test; `None` if `drift_sigma` overrides the rate.
     pub(in crate::detect::runs) fn alpha(&self) -> Option<f64> {
         (!self.overruled).then_some(self.alpha)
     }
 
-    /// The baseline's own scatter is a floor until the joint has a history, unless other joints show it better.
+    /// Standard deviation of a test. The baseline's own scatter is its lower limit until the joint has a history,
+    /// except if other joints show the scatter better.
     fn spread(&self, likeness: &Likeness) -> f64 {
         let floor = if self.learnt() < OWN_FROM && !self.has_pool { self.stated } else { self.least };
         likeness.variance().sqrt().max(floor)
@@ -189,7 +189,7 @@ fn estimate(of: &Observed) -> Estimate {
     Estimate { value: of.ratio, std_error: of.std_error }
 }
 
-/// Smallest standard deviation from test to test that is believed, as a fraction of friction. It is the prior's too.
+/// Least accepted standard deviation from test to test, as a fraction of friction. It is also that of the prior.
 fn least_spread(source: Source) -> f64 {
     match source {
         Source::Index => crate::detect::runs::history::friction_history::MIN_INDEX_SPREAD,
@@ -205,7 +205,7 @@ mod tests {
     use crate::detect::runs::series::friction_history;
     use armwatch_model::anomaly::settings::DetectSettings;
 
-    /// The limit after `learnt` daily tests that scatter by `scatter`.
+    /// The limit after `learnt` daily tests with the scatter `scatter`.
     fn limit(settings: &DetectSettings, learnt: usize, scatter: f64) -> (f64, f64) {
         let runs = history(20, |_| 12.0);
         let causes = vec![None; runs.len()];
@@ -238,7 +238,7 @@ mod tests {
         };
         assert!(of(1.0, 5) > of(1.0, 40) && of(1.0, 40) > of(1.0, 400));
         assert!(of(0.1, 400) > of(1.0, 400) && of(1.0, 400) > of(20.0, 400));
-        // one in 24 channels and daily tests: a probability of 1.2e-4 for each
+        // one per year in 24 channels and daily tests: a probability of 1.2e-4 for each
         assert!((3.5..4.2).contains(&of(1.0, 4000)), "{}", of(1.0, 4000));
     }
 

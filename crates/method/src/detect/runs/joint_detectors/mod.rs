@@ -1,4 +1,4 @@
-//! Detectors of one joint, each in a file behind [`crate::detect::detector::Detector`], and what they share.
+//! Detectors of one joint, each in a file behind [`crate::detect::detector::Detector`], and their common parts.
 
 pub(super) mod forecast;
 pub(super) mod friction_change;

@@ -2,15 +2,15 @@
 //!
 //! The quantity is the swing of the moving relative RMSD of the excitation stage
 //! ([`RmsdSwing`](armwatch_model::analysis::RmsdSwing)): a standard deviation, as a fraction of the torque. The
-//! baseline is the median of the joint's first runs. A run is out from `oscillation_ratio` (3 unless
-//! configured) times the baseline on, and from 0.004 at least ([`MIN_SWING`], above the healthy joints of the
-//! thesis). Where the RMSD itself is larger than usual, the limit is so in proportion: more noise swings more. A short
-//! test tells a standard deviation badly: the limit is one and a half times what chance makes of it at least. It is
-//! critical from twice this limit on.
+//! baseline is the median of the joint's first runs. A run is out from `oscillation_ratio` (3 unless configured) times
+//! the baseline on, and from 0.004 at least ([`MIN_SWING`], above the healthy joints of the thesis). If the RMSD itself
+//! is larger than usual, the limit rises in proportion: more noise swings more. A short test gives an uncertain
+//! standard deviation: the limit is at least one and a half times the effect of chance on it. It is critical from twice
+//! this limit on.
 //!
-//! Where there are other arms of the model, the same limit holds against the median of their first tests, from this arm's
-//! first test on: an arm that always swung is found. One test is worth knowing then, and a warning if the test before
-//! shows it too or if it is half as much again beyond the limit.
+//! If there are other arms of the model, the same limit holds against the median of their first tests, from this arm's
+//! first test on: an arm that always swung is found. One test then has the severity `info`, and is a warning if the
+//! test before shows it too or if it exceeds the limit by half.
 
 use crate::detect::control_chart::baseline;
 use crate::detect::detector::Detector;
@@ -24,14 +24,14 @@ use armwatch_model::anomaly::{AnomalyKind, Severity};
 /// joints show 0.0012 to 0.003 (thesis 5.1.4).
 const MIN_SWING: f64 = 0.004;
 
-/// Standard deviations of chance, and the factor on it: the baseline's own error.
+/// Standard deviations of the limit of chance, and the factor on it: the error of the baseline.
 const CHANCE: f64 = 3.7;
 const CHANCE_FACTOR: f64 = 1.5;
 
 pub(super) struct Oscillation;
 
-/// The most that chance makes of a standard deviation over so many cycles, as a multiple of the true one: the root of the
-/// quantile of chi-square over its degrees of freedom (Wilson and Hilferty 1931).
+/// Upper limit of a standard deviation by chance over this number of cycles, as a multiple of the true one: the root of
+/// the quantile of chi-square over its degrees of freedom (Wilson and Hilferty 1931).
 fn highest_by_chance(cycles: usize) -> f64 {
     let freedom = cycles.saturating_sub(1).max(1) as f64;
     let share = 2.0 / (9.0 * freedom);
@@ -62,7 +62,7 @@ impl Detector<JointSeries<'_>> for Oscillation {
         let compared: Vec<UsualSwing> = own.into_iter().chain(of_peers).collect();
         let mut before = false;
         let one = |(run, swing): (usize, &Option<f64>)| {
-            // what a wrong signal says of a joint is the signal's
+            // the residual of a wrong signal is not the joint's
             let Some(swing) = swing.filter(|_| !series.is_rest_of_wrong_signal(run)) else {
                 return Verdict::Unknown;
             };
@@ -73,7 +73,7 @@ impl Detector<JointSeries<'_>> for Oscillation {
                 return Verdict::Unknown;
             };
             let is_out = swing >= limit;
-            // two arms of a model are less alike than two tests of one arm
+            // two arms of a model differ more than two tests of one arm
             let is_confirmed =
                 std::mem::replace(&mut before, is_out) || usual.peers == 0 || swing >= 1.5 * limit;
             if !is_out {
@@ -103,17 +103,17 @@ impl Detector<JointSeries<'_>> for Oscillation {
     }
 }
 
-/// What the swing of a test is compared with.
+/// Usual swing with which that of a test is compared.
 struct UsualSwing {
     swing: f64,
-    /// Relative RMSD about which it swings.
+    /// Usual relative RMSD.
     level: Option<f64>,
-    /// Other arms that it is the median of; 0 for the joint's own first tests.
+    /// Number of other arms whose median it is; 0 for the joint's own first tests.
     peers: usize,
 }
 
 impl UsualSwing {
-    /// Swing from which on a test of this relative RMSD is out.
+    /// Least swing that is out, for a test of this relative RMSD.
     fn limit(&self, ratio: f64, level: Option<f64>) -> f64 {
         let level = level.zip(self.level).map_or(1.0, |(now, usual)| (now / usual).max(1.0));
         (ratio * self.swing * level).max(MIN_SWING)
@@ -156,8 +156,8 @@ mod tests {
         assert_eq!(found[6..], [Some(Severity::Warning), Some(Severity::Critical)]);
     }
 
-    /// Table 5.1 of the thesis: tests of joint 5 of robot 1 with 20 to 24 cycles, its joints 3 and 4, and joint 4 of robot 2
-    /// as the arm whose joints are healthy. The thesis gives no figures of joint 5 of robot 2 by itself.
+    /// Table 5.1 of the thesis: tests of joint 5 of robot 1 with 20 to 24 cycles, its joints 3 and 4, and joint 4 of
+    /// robot 2 as the arm with healthy joints. The thesis has no separate values of joint 5 of robot 2.
     #[test]
     fn the_joint_of_the_thesis_that_always_swung_is_found_beside_its_twin() {
         const BAD: [(f64, f64); 4] =
@@ -175,7 +175,7 @@ mod tests {
         };
         let bad: Vec<RunSummary> =
             BAD.iter().enumerate().map(|(i, (level, swing))| run(i, 12.0, *level, *swing)).collect();
-        // with the worst healthy joint of both arms as its twin, and with the usual ones
+        // compared with the worst healthy joint of both arms, and with the usual ones
         for twin in [&TWIN[..], &HEALTHY[0], &HEALTHY[1]] {
             let of = found(bad.clone(), twin);
             assert!(!of.is_empty(), "{twin:?}");

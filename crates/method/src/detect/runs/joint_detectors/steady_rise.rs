@@ -1,68 +1,68 @@
-//! A steady rise: friction grows from test to test, by less than a change that is a warning by itself.
+//! A steady rise: friction grows from test to test, by less than a change that is a warning alone.
 //!
-//! Wear goes on. A rise that is more than chance is therefore told at half the change that `drift_warning` asks for, and
-//! against the joint's own level before it: a joint that is run in has less friction than in its first tests, and its
-//! wear would else show late. The latest [`WINDOW`] tests are fitted as a constant level and a line that begins at any of
-//! them, by least squares on whitened values: an autoregression of order one with the joint's own scatter, where a test
-//! that is less certain than usual counts for less. A rise counts if
+//! Wear continues. A rise that is more than chance is therefore reported at half of `drift_warning`, and relative to
+//! the joint's own level before it: a run-in joint has less friction than in its first tests, and its wear would
+//! otherwise show late. The latest [`WINDOW`] tests are fitted as a constant level and a line that begins at any of
+//! them, by least squares on whitened values: an autoregression of order one with the joint's own scatter. A test that
+//! is less certain than usual counts for less. A rise counts if
 //!
-//! * its slope is beyond chance: of Student's distribution, with the probability that a channel has at the rate of
-//!   false alarms asked for, divided by the number of beginnings that are tried,
-//! * it is three times as likely as a level that jumps, at whichever test,
-//! * it is three standard errors of what the joint's share in a change of all joints adds to it.
+//! * its slope is beyond chance by Student's distribution, with the channel's probability at the set rate of false
+//!   alarms divided by the number of tried beginnings,
+//! * it is three times as likely as a level that jumps at any test,
+//! * it is three standard errors of the joint's share in a change of all joints.
 //!
-//! Only the friction index is looked at. The seasons move friction torques for months as wear does.
+//! Only the friction index is checked. Seasons change friction torques for months in the same way as wear.
 
 use crate::detect::rate::budget::beyond_chance;
 use crate::detect::runs::history::friction_history::{COMMON_SPREAD, FrictionHistory, Observed, Source};
 use crate::detect::runs::history::whitened::Whitened;
 use armwatch_model::analysis::Estimate;
 
-/// Tests that are fitted at most: a slower rise reaches the limit of a change before it is told from chance.
+/// Most tests in a fit: a slower rise reaches the limit of a change before it is distinguished from chance.
 const WINDOW: usize = 40;
 /// Fewest tests before the beginning and from it on.
 const FEWEST: usize = 5;
-/// Part of the change that is a warning from which on a rise counts.
+/// Least rise that counts, as a part of the warning limit of a change.
 const PART_OF_WARNING: f64 = 0.5;
-/// Logarithm of the likelihood ratio by which a rise must be likelier than a jump: three.
+/// Logarithm of the least likelihood ratio of a rise to a jump: three.
 const LEAD: f64 = 1.1;
 /// Standard errors of the joint's share in a change of all joints.
 const SHARE_ERRORS: f64 = 3.0;
 
-/// What is known of how much a quantity scatters from test to test.
+/// Scatter of a quantity from test to test.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::detect::runs) struct Scatter {
     /// Standard deviation of a test about the level.
     pub(in crate::detect::runs) deviation: f64,
     /// Lag-1 autocorrelation.
     pub(in crate::detect::runs) correlation: f64,
-    /// Tests that both stand on.
+    /// Number of tests of both estimates.
     pub(in crate::detect::runs) freedom: f64,
 }
 
 /// A rise that is more than chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rise {
-    /// Place in the history of the first test that has it.
+    /// Place in the history of the first test with the rise.
     pub(in crate::detect::runs) run: usize,
     /// Level before it, as a multiple of the baseline.
     pub(in crate::detect::runs) level: f64,
-    /// Growth with each test, and until the latest one, as fractions of the baseline.
+    /// Growth per test, and until the latest test, as fractions of the baseline.
     pub(in crate::detect::runs) rate: f64,
     pub(in crate::detect::runs) size: f64,
-    /// Tests that have it.
+    /// Number of tests with the rise.
     pub(in crate::detect::runs) tests: usize,
     /// Least size that counts.
     pub(in crate::detect::runs) least: f64,
 }
 
-/// Least rise that counts, for a change of `warning` that is a warning by itself.
+/// Least rise that counts, if a change of `warning` is a warning alone.
 pub(super) fn least_rise(warning: f64) -> f64 {
     PART_OF_WARNING * warning
 }
 
-/// The rise that the latest of `tests` belongs to. `tests` are those that compare with each other, oldest first; `alpha`
-/// is the probability of a false alarm that the channel has with each test.
+/// The rise that the latest of `tests` belongs to. `tests` are comparable with each other, oldest first; `alpha` is the
+/// probability of a false alarm of the channel per test.
 pub(super) fn steady_rise(
     friction: &FrictionHistory,
     tests: &[Observed],
@@ -91,7 +91,7 @@ pub(super) fn steady_rise(
     let before = tests[..begin].iter().map(Observed::common).sum::<f64>() / begin as f64;
     let of_share = SHARE_ERRORS * COMMON_SPREAD * (latest.common() - before).abs();
     let least = least_rise(warning).max(of_share);
-    // cheap questions first
+    // cheap conditions first
     if size < least || fit.size < beyond_chance(alpha / tried, scatter.freedom) * fit.size_error {
         return None;
     }
@@ -106,8 +106,8 @@ pub(super) fn steady_rise(
     })
 }
 
-/// Whether the latest tests are so far above the lowest ones that a line between them may rise by `least`: a question that
-/// costs little. The mean of the latest five of a line of five tests is three fifths of its rise.
+/// Returns true if the latest tests are so far above the lowest ones that a line between them may rise by `least`: a
+/// cheap condition. The mean of the latest five of a line of five tests is three fifths of its rise.
 fn is_higher(tests: &[Observed], least: f64) -> bool {
     let means = || tests.windows(FEWEST).map(|of| of.iter().map(|of| of.ratio).sum::<f64>() / FEWEST as f64);
     let lowest = means().fold(f64::INFINITY, f64::min);

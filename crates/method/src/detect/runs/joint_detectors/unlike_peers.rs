@@ -1,12 +1,12 @@
-//! Fleet: an arm whose joint is unlike the same joint of other arms of its model.
+//! Fleet: a joint of an arm differs from the same joint of other arms of its model.
 //!
-//! Compared are the medians of first tests, of this arm and of each other one, so that a change of later tests is no
-//! matter of this detector: friction of the warm joint at the same speed and about the same warmth, and the relative
-//! RMSD of the excitation stage. Arms of one model differ much when they are healthy: two of the thesis have friction
-//! that differs by half (Appendix H). The limit is the quantile of Student's distribution that one healthy joint in ten
-//! thousand exceeds, for the logarithm of this arm's figure less the median of the others. The variance between arms is
-//! that of the others, shrunk towards 0.25² for friction and 0.2² for the RMSD, which count as eight arms. With fewer than
-//! four other arms a difference is worth knowing and no warning.
+//! The detector compares medians of first tests, of this arm and of each other one, so that later changes do not
+//! matter: friction of the warm joint at the same speed and about the same temperature, and the relative RMSD of the
+//! excitation stage. Healthy arms of one model differ much: the friction of two in the thesis differs by half (Appendix
+//! H). The limit is the quantile of Student's distribution that one healthy joint in ten thousand exceeds, for the
+//! logarithm of this arm's value less the median of the others. The variance between arms is that of the others, shrunk
+//! towards 0.25² for friction and 0.2² for the RMSD, which count as eight arms. The severity of a difference is
+//! `info` if there are fewer than four other arms.
 
 use crate::detect::control_chart::median_variance;
 use crate::detect::detector::Detector;
@@ -18,29 +18,29 @@ use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// First tests without which an arm is not judged.
+/// Fewest first tests of an arm.
 const FEWEST_TESTS: usize = 3;
-/// Other arms from which on a difference is a warning.
+/// Fewest other arms for a warning.
 const PEERS_OF_WARNING: usize = 4;
 /// Probability that a healthy joint is beyond the limit, once in its life.
 const CHANCE: f64 = 1e-4;
-/// Usual standard deviations of logarithms between healthy arms, and how many arms this counts for.
+/// Usual standard deviations of logarithms between healthy arms, and the number of arms that these are worth.
 const FRICTION_SPREAD: f64 = 0.25;
 const RMSD_SPREAD: f64 = 0.2;
 const PRIOR_ARMS: f64 = 8.0;
-/// Relative RMSD below which a fit is good, whatever others have.
+/// Relative RMSD below which a fit is good, whatever the others.
 const GOOD_RMSD: f64 = 0.05;
-/// Tests compare if their points are within this fraction of the time of this arm's.
+/// Tests are comparable if their points are within this fraction of the time of this arm's.
 const WARMTH_TOLERANCE: f64 = 0.25;
 
-/// By which quantity.
+/// The compared quantity.
 pub(super) enum UnlikePeers {
     Friction,
     Accuracy,
 }
 
 impl UnlikePeers {
-    /// The figure of a joint in one test. `like` is a test of the arm that is judged.
+    /// The value of a joint in one test. `like` is a test of the checked arm.
     fn figure(&self, of: &JointSummary, like: &JointSummary) -> Option<f64> {
         match self {
             Self::Friction => {
@@ -64,7 +64,7 @@ impl UnlikePeers {
         }
     }
 
-    /// Whether a difference matters.
+    /// Returns true if a difference matters.
     fn counts(&self, own: f64) -> bool {
         match self {
             Self::Friction => true,
@@ -119,7 +119,7 @@ impl Detector<JointSeries<'_>> for UnlikePeers {
                 return Verdict::Unknown;
             };
             let score = own.ln() - usual;
-            // less friction than others and a better fit need no look
+            // less friction than others and a better fit need no check
             if score < limit || !self.counts(own) {
                 return Verdict::Quiet;
             }
@@ -187,7 +187,7 @@ mod tests {
         assert!(!of.ended && of.last_run_id == 12, "it stays until somebody settles it");
     }
 
-    /// Arms drawn with a spread of their own, wider than usual: few of them are beyond the limit.
+    /// Arms with a spread wider than usual: few of them are beyond the limit.
     #[test]
     fn healthy_arms_of_an_uneven_model_are_seldom_unlike_it() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);

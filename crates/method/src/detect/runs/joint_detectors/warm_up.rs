@@ -1,15 +1,15 @@
 //! Thermal: the warm-up of a joint, or of all joints, takes another time than in its first runs.
 //!
 //! The quantity is the slow time constant as a multiple of that of the usual curve. The comparison of causes
-//! ([`crate::detect::runs::curve`]) tells it from another level of friction and from another warmth at the
+//! ([`crate::detect::runs::curve`]) distinguishes it from another level of friction and from another temperature at the
 //! start: a time constant changes nothing in the first cycle and most in the middle of the warm-up. A run is out if
 //! this cause is clear and moves friction of some cycle by 1.5 % or more. A smaller effect is found over several runs:
-//! the likelihood ratio against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as
-//! much as one run needs. And what the runs say of the factor is looked at as a series
+//! the likelihood ratio against the best other cause is summed, never below zero (CUSUM, Page 1954), until it reaches
+//! the value that one run needs. The factors of the runs are also evaluated as a series
 //! ([`crate::detect::runs::curve::warm_up_jump`]).
 //!
-//! What all joints share is looked at likewise, as the warm-up of the arm. Where it differs, a joint is not judged by itself: joints
-//! differ in what a lubricant does to them.
+//! The common part of all joints is checked in the same way, as the warm-up of the arm. If it differs, joints are not
+//! checked separately: they differ in the effect of a lubricant.
 
 use jiff::Timestamp;
 
@@ -55,8 +55,8 @@ impl Detector<JointSeries<'_>> for WarmUp {
     }
 }
 
-/// What each run says of the warm-up that all joints share. `causes` are those of what they share, `faults` the fault of the arm in
-/// each run, `runs` key and start of each.
+/// Verdicts about the warm-up that all joints share, by run. `causes` are those of the common part, `faults` the fault
+/// of the arm in each run, `runs` key and start of each.
 pub(in crate::detect::runs) fn common_warm_up(
     causes: &[Option<RunCause>],
     faults: &[Option<ArmCause>],
@@ -78,7 +78,7 @@ pub(in crate::detect::runs) fn common_warm_up(
     warm_ups.verdicts()
 }
 
-/// Anomalies of the warm-up that all joints share, of what [`common_warm_up`] says of each run.
+/// Anomalies of the warm-up that all joints share, from the verdicts of [`common_warm_up`].
 pub(in crate::detect::runs) fn of_common_warm_up(
     verdicts: &[Verdict],
     runs: &[(i64, Timestamp)],
@@ -90,26 +90,26 @@ fn alpha(settings: &DetectSettings, joints: usize, starts: &[Timestamp]) -> f64 
     Budget::new(settings.false_alarms_per_robot_year, joints, starts).alpha()
 }
 
-/// Warm-ups of successive runs, and what to say of one that differs.
+/// Warm-ups of successive runs, and the texts for one that differs.
 struct WarmUps<'a> {
     causes: &'a [Option<RunCause>],
-    /// Whether a run says anything of them.
+    /// Returns true if a run shows the warm-ups.
     is_known: &'a dyn Fn(usize) -> bool,
-    /// Logarithm of the factor that all joints share in a run; 0 where it is their own that is judged.
+    /// Logarithm of the factor that all joints share in a run; 0 for the common part itself.
     of_arm: &'a dyn Fn(usize) -> f64,
-    /// Probability of a false alarm of each run.
+    /// Probability of a false alarm per run.
     alpha: f64,
     limits: JumpLimits,
-    /// Least lead, in logarithms, of this cause over the next one in a run that shows it by itself.
+    /// Least lead, in logarithms, of this cause over the next one in a single run.
     least_lead: f64,
-    /// Whose first tests are meant, and what else fits and is to be done, for the message.
+    /// For the message: the robot or joint of the first tests, other explanations and the remedy.
     whose: &'static str,
     remedy: &'static str,
 }
 
 impl WarmUps<'_> {
     fn verdicts(&self) -> Vec<Verdict> {
-        // evidence for a longer and for a shorter time constant, over the runs
+        // evidence over the runs for a longer and for a shorter time constant
         let mut evidence = [0.0_f64; 2];
         let mut jumps = WarmUpJump::new(self.alpha, self.limits);
         let verdict = |run: usize| {
@@ -134,7 +134,7 @@ impl WarmUps<'_> {
                 (None, Some(jump)) => (jump.size.exp(), format!("before, for {} tests now", jump.tests)),
                 (None, None) => return Verdict::Quiet,
             };
-            // one test that shows it by itself may be the first of those that do
+            // a single test that shows it may be the first of several
             let onset = jump.map(|jump| (jump.since, None));
             let side = if factor > 1.0 { "longer" } else { "less" };
             let is_own = matches!(found.likeliest(), Cause::TimeConstant(_));
@@ -160,11 +160,12 @@ impl WarmUps<'_> {
     }
 }
 
-/// What all joints share has starts and halls for causes, whose forms are known less well than a joint's own.
+/// Least lead for the common part of all joints. It also depends on starts and ambient temperatures, whose patterns are
+/// less exact than a joint's own.
 const LEAST_LEAD_OF_ARM: f64 = 8.0;
-/// Evidence of a run that shows nothing of it, in logarithms of likelihood.
+/// Evidence of a run without the change, in logarithms of likelihood.
 const AGAINST: f64 = -3.0;
-/// Most evidence that is kept, as a multiple of what an alarm needs, so that an alarm ends when its cause does.
+/// Upper limit of the sum of evidence, as a multiple of that for an alarm, so that an alarm ends with its cause.
 const MOST_EVIDENCE: f64 = 1.5;
 
 #[cfg(test)]
@@ -192,11 +193,11 @@ mod tests {
             let minute = 3.1 * f64::from(cycle) - 1.2;
             0.15 * (-minute / 5.0).exp() + 0.25 * (-minute / 25.0).exp()
         }
-        /// Work before each test: a fifth of the warm-up is over when it begins.
+        /// Production before each test: a fifth of the warm-up is over when it begins.
         fn half_warm(_: usize, cycle: u32) -> f64 {
             -0.2 * excess(cycle)
         }
-        /// A warmer hall, of which a joint that heats itself less keeps a half.
+        /// A higher ambient temperature; a joint that heats itself keeps half of its effect when warm.
         fn warmer(_: usize, cycle: u32) -> f64 {
             -0.07 * (0.5 + 0.5 * excess(cycle) / excess(1))
         }

@@ -10,7 +10,7 @@ fn cut(run: &RunSummary, cycles: u32) -> RunSummary {
     run
 }
 
-/// What the last test of a history shows after each of its cycles, from the first on.
+/// Anomalies in the last test of a history after each of its cycles, from the first on.
 fn by_cycle(history: &[RunSummary]) -> Vec<Vec<Anomaly>> {
     let (open, complete) = history.split_last().expect("a test");
     let settings = DetectSettings::default();

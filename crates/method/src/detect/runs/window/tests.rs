@@ -1,4 +1,4 @@
-//! What windows say of a long history: the same whatever came when, and of a fault that goes on one anomaly.
+//! Windows of a long history: the same result for any order of arrival, and one anomaly for a lasting fault.
 
 use std::collections::BTreeSet;
 
@@ -69,7 +69,7 @@ fn whatever_came_when_the_same_is_settled() {
             let moment = |place: usize| (history[place].started_at, history[place].run_id);
             known.retain(|(settled, _)| settled.follows_until < Some(moment(*place)));
             if rng.random_bool(0.03) {
-                // one goes, and comes back at some time
+                // one is removed, and may arrive again later
                 let gone = there.iter().copied().nth(rng.random_range(0..there.len())).expect("a test");
                 there.remove(&gone);
                 known.retain(|(settled, _)| settled.follows_until < Some(moment(gone)));
@@ -93,7 +93,7 @@ fn whatever_came_when_the_same_is_settled() {
 
 #[test]
 fn a_late_test_changes_what_it_would_have_changed_in_time() {
-    // the second of two tests that show a load comes late
+    // the second of two tests that show a load arrives late
     let state =
         |run: i64| State { mass: if (60..62).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
     let whole = fleet(200, 3, state);
@@ -186,7 +186,7 @@ fn work_on_the_arm_ends_what_was_open_and_windows_stay_short() {
     let loads: Vec<&Anomaly> = now.all().into_iter().filter(|of| of.kind == AnomalyKind::Payload).collect();
     assert_eq!(loads.len(), 1, "{loads:?}");
     assert_eq!((loads[0].first_run_id, loads[0].last_run_id, loads[0].ended), (31, 150, true));
-    // tests that the detectors get, of 520 as of 120
+    // number of tests for the detectors, of 520 as of 120
     let short = said(&history[..120], Vec::new(), &SHORT);
     assert!(short.longest >= 80 && now.longest <= 80 + 24 + 2 * 24 + 33 + 6, "{} of 520", now.longest);
     // of each joint and epoch

@@ -1,4 +1,4 @@
-//! Tests without result, on histories made by hand.
+//! Tests without result, on synthetic histories.
 
 use crate::detect::runs::detect;
 use crate::detect::runs::fixtures::{CYCLES, JOINTS, healthy, indexed, refusal, refused};

@@ -1,5 +1,5 @@
-//! Cycles of simulated tests: noise of the torque, friction that changes while a cold arm warms, and a push, as squares of
-//! torque that add up.
+//! Cycles of simulated tests: noise of the torque, friction that changes while a cold arm warms, and a push, as squares
+//! of torque that add up.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,8 +20,8 @@ const TORQUE: [f64; JOINTS] = [20.0, 60.0, 43.0, 12.0, 8.0, 6.0];
 const USUAL: [f64; JOINTS] = [0.4, 0.6, 0.7, 0.2, 0.16, 0.15];
 const CYCLES: u32 = 8;
 
-/// One test: how cold the arm begins, as Nm of friction that no parameter has, and pushes of a joint in a cycle: the
-/// force at the joint, Nm, over a share of the cycle.
+/// One test. `cold` is the torque of a cold start that no parameter explains, Nm; `pushes` have joint, cycle, force at
+/// the joint (Nm) and share of the cycle.
 fn test(run: i64, cold: f64, pushes: &[(usize, u32, f64, f64)]) -> RunSummary {
     let mut rng = ChaCha8Rng::seed_from_u64(99 + run as u64);
     let mut summary =
@@ -89,7 +89,7 @@ fn a_push_in_one_cycle_is_an_alarm_that_names_joint_and_cycle_and_ends() {
             assert_eq!((of.kind, of.severity), (AnomalyKind::Accuracy, Severity::Warning));
             assert_eq!((of.joint, of.first_cycle), (Some(JointIndex::new(2)), Some(cycle)));
             assert_eq!((of.first_run_id, of.last_run_id, of.ended), (pushed + 1, pushed + 1, true));
-            // 30 Nm over a twentieth of the cycle beside 43 Nm: 6.7 of 43.5
+            // 30 Nm over a twentieth of the cycle in addition to 43 Nm: 6.7 of 43.5
             assert!(
                 (of.value - 0.154).abs() < 0.01 && of.message.contains("% of this joint's torque ("),
                 "{of:?}"
@@ -162,7 +162,7 @@ fn what_stays_and_what_has_no_neighbours_is_no_contact() {
             (0..10).map(|run| test(run, 3.0, if run == 9 { pushes } else { &[] })).collect();
         assert_eq!(found(&history), vec![]);
     }
-    // a refused cycle before it: nothing says that the cycle was alone
+    // the cycle before it is refused: the push may have been in both
     let mut history: Vec<RunSummary> =
         (0..10).map(|run| test(run, 3.0, if run == 9 { &[PUSH] } else { &[] })).collect();
     history[9].whole_cycle_rmsd.retain(|of| of.cycle != 4);

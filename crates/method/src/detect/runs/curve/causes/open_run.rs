@@ -1,22 +1,22 @@
 //! The likeliest cause of the curve of a run that is still being written, against the usual curves of the joints.
 //!
-//! The causes, their prices and their limits are those of complete runs. Only the least number of cycles is another
-//! one: a step needs a cycle before it and two of the new level.
+//! The causes, their prices and their limits are those of complete runs. Only the least number of cycles differs: a
+//! step needs a cycle before it and two of the new level.
 
 use super::{COMMON_SPREAD, Cause, Curve, LEAST_SCATTER, RunCause, UsualCurves, against, common_of};
 use crate::detect::runs::curve::within_run;
 use armwatch_model::anomaly::RunSummary;
 
-/// Fewest cycles of a run that is held against a usual curve: one before a step and two after it.
+/// Fewest cycles of a run that is compared with a usual curve: one before a step and two after it.
 pub(in crate::detect::runs) const FEWEST_CYCLES: usize = 3;
 
 impl UsualCurves {
-    /// The cause of the curve of each joint of a run, `None` where it has too few cycles, or where the latest cycles
-    /// say too little of it.
+    /// The cause of the curve of each joint of a run; `None` if it has too few cycles, or if the latest cycles are not
+    /// enough evidence.
     ///
-    /// One odd cycle looks like scatter, and may be the first after a step. So scatter is a cause only if it is one
-    /// without the latest cycle, too. And it is more than a smooth curve leaves: a warm-up that is not the usual one
-    /// takes its full shape with the whole run.
+    /// One odd cycle looks like scatter, and may be the first after a step. So scatter is a cause only if it is also
+    /// one without the latest cycle. It must also exceed the residual of a smooth curve: an unusual warm-up takes its
+    /// full shape with the whole run.
     pub(in crate::detect::runs) fn causes_of_open(&self, open: &RunSummary) -> Vec<Option<RunCause>> {
         let curves = self.curves(open);
         let before: Vec<Curve> =
@@ -46,7 +46,7 @@ impl UsualCurves {
             Some(_) if curve.len() < FEWEST_CYCLES => None,
             Some(usual) => {
                 let common = common_of(&differences, j, curve);
-                // another time constant is judged over whole runs
+                // another time constant is only a cause of whole runs
                 let cause =
                     against(usual, curve, differences[j], (&common, COMMON_SPREAD), self.least_advantage);
                 Some(RunCause { effect: 0.0, ..cause })

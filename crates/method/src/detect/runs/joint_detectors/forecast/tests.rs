@@ -1,4 +1,4 @@
-//! Forecasts of simulated wear. The fates are drawn by formulas of wear over use, not by the model of the forecast.
+//! Forecasts of simulated wear. The random fates follow formulas of wear over use, not the model of the forecast.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,15 +11,15 @@ const LIMITS: Limits = Limits { warning: 0.05, critical: 0.15, sigma: 4.0 };
 /// Tests of a baseline, whose mean is the unit of all indices.
 const BASELINE: f64 = 5.0;
 
-/// How friction of a joint changes.
+/// Change of a joint's friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fate {
     Linear,
     /// A power of time, or exponential.
     Accelerating,
-    /// Exponential towards a level that may lie below the critical limit.
+    /// Exponential towards a level that may be below the critical limit.
     Stalling,
-    /// Linear in use, which changes from week to week and stands still in some.
+    /// Linear in use, which changes from week to week and is zero in some.
     Irregular,
     Healthy,
 }
@@ -106,7 +106,7 @@ fn drawn(fate: Fate, random: &mut ChaCha8Rng) -> Drawn {
     Drawn { warning_days: until(LIMITS.warning), critical_days: until(LIMITS.critical), tests }
 }
 
-/// How forecasts of one limit came out.
+/// Results of the forecasts of one limit.
 #[derive(Debug, Default)]
 struct Outcome {
     forecasts: usize,
@@ -152,7 +152,7 @@ impl Outcome {
     }
 }
 
-/// Fates drawn, of those with enough tests the share without a trend, and outcomes for the limits.
+/// Share without a trend of the drawn fates with enough tests, and outcomes for the limits.
 fn outcomes(fate: Fate, count: usize, seed: u64) -> (f64, [Outcome; 2]) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut outcomes = [Outcome::default(), Outcome::default()];
@@ -164,7 +164,7 @@ fn outcomes(fate: Fate, count: usize, seed: u64) -> (f64, [Outcome; 2]) {
         without += usize::from(forecast.trend == Trend::None);
         let limits = [(forecast.warning_at, drawn.warning_days), (forecast.critical_at, drawn.critical_days)];
         for (outcome, (crossing, days)) in outcomes.iter_mut().zip(limits) {
-            // of a limit that is passed there is nothing to forecast
+            // no forecast for a passed limit
             if let Some(crossing) = crossing.filter(|_| days.is_none_or(|days| days > 0.0)) {
                 outcome.add(&drawn.tests, &crossing, days);
             }
@@ -173,8 +173,8 @@ fn outcomes(fate: Fate, count: usize, seed: u64) -> (f64, [Outcome; 2]) {
     (without as f64 / f64::from(judged), outcomes)
 }
 
-/// The forecasts of 300 fates have a standard error of 2.5 to 3 % in their coverage, so the bounds are wider than those that
-/// `coverage_of_thousands_of_fates` holds.
+/// The forecasts of 300 fates have a standard error of 2.5 to 3 % in their coverage, so the bounds are wider than in
+/// `coverage_of_thousands_of_fates`.
 #[test]
 fn intervals_hold_four_fifths_of_simulated_fates() {
     for fate in WORN {
@@ -212,7 +212,7 @@ fn coverage_of_thousands_of_fates() {
     eprintln!("{table}");
 }
 
-/// Daily tests without scatter beyond a small wobble.
+/// Daily tests without scatter except for a small wobble.
 fn daily(tests: usize, ratio: impl Fn(f64) -> f64) -> Vec<Test> {
     let wobble = |day: usize| 0.002 * ((day * 37 % 11) as f64 / 5.0 - 1.0);
     let at = |day: usize| {

@@ -10,7 +10,7 @@ use armwatch_model::analysis::Estimate;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 
-/// Daily tests of three joints; the last one has `of` added to its index.
+/// Daily tests of three joints; `of` is added to the index of the last one.
 fn tests(
     count: i64,
     deviation: f64,
@@ -40,7 +40,7 @@ fn alarms(history: &[RunSummary]) -> Vec<Anomaly> {
     found
 }
 
-/// Wear of half a per cent a test, in a joint that was run in by 2 % before.
+/// Wear of half a per cent per test, in a joint that was run in by 2 % before.
 #[test]
 fn slow_wear_is_found_within_fifteen_tests_even_where_the_joint_was_run_in() {
     let onset = 30;
@@ -79,7 +79,7 @@ fn a_rise_says_how_much_and_since_when_and_goes_on_as_the_same_drift() {
 
 #[test]
 fn what_stays_small_or_jumps_or_falls_is_no_rise() {
-    // a handful of tests after a small jump are seldom taken for a rise
+    // few tests after a small jump seldom count as a rise
     let mut taken = 0;
     for seed in 0..30 {
         let small = tests(120, 0.004, 0.3, seed, |day| 0.015 * (day.min(60) as f64 / 60.0));
@@ -92,7 +92,7 @@ fn what_stays_small_or_jumps_or_falls_is_no_rise() {
     assert!(taken <= 2, "{taken} of 30 jumps");
 }
 
-/// Daily tests of joints that remember, without any fault, for a year each: one alarm a year is allowed.
+/// Daily tests of healthy joints with autocorrelation, for a year each: one alarm in two years is allowed.
 #[test]
 fn healthy_joints_seldom_rise() {
     let mut found = 0;
