@@ -1,4 +1,4 @@
-//! Answers: JSON, and refusals that say what to do.
+//! Answers: JSON, and refusals that name a remedy.
 
 use axum::extract::rejection::{BytesRejection, JsonRejection};
 use axum::http::header::{CONNECTION, CONTENT_TYPE, HOST, ORIGIN, RETRY_AFTER, WWW_AUTHENTICATE};
@@ -11,16 +11,16 @@ use armwatch_config::Scope;
 use armwatch_model::text;
 use armwatch_store::AskError;
 
-/// Most bytes of a body that is no upload.
+/// Largest body of a request other than an upload, bytes.
 pub const BODY_BYTES: usize = 256 << 10;
 
-/// How much of an upload is there, bytes.
+/// Header with the number of bytes of an upload that have arrived.
 pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 
-/// Whether an upload is whole: `?1` or `?0`.
+/// Header that is `?1` if an upload is complete and `?0` otherwise.
 pub const UPLOAD_COMPLETE: HeaderName = HeaderName::from_static("upload-complete");
 
-/// An answer in JSON, its hidden characters escaped, so that a log or terminal that shows it is not fooled.
+/// An answer in JSON. Hidden characters are escaped, so that they cannot mislead the reader of a log or terminal.
 #[derive(Debug)]
 pub struct Json<T>(pub T);
 
@@ -63,16 +63,16 @@ pub enum Refused {
     Internal(Problem),
 }
 
-/// A request that is not answered as its sender hoped.
+/// A refused request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     /// HTTP status.
     pub status: StatusCode,
-    /// What is wrong and what to do, for the sender's log.
+    /// The problem and its remedy, for the sender's log.
     pub sentence: String,
-    /// How much of the upload is there, where it can go on.
+    /// Bytes of the upload that have arrived, if it can be continued.
     pub offset: Option<u64>,
-    /// Seconds after which another try makes sense.
+    /// Seconds after which the sender should try again.
     pub retry_after: Option<u64>,
 }
 
@@ -82,21 +82,21 @@ impl Refusal {
         Self { status, sentence: sentence.into(), offset: None, retry_after: None }
     }
 
-    /// The same, saying from which byte the upload goes on.
+    /// Adds the byte at which the upload continues.
     #[must_use]
     pub fn at(mut self, offset: u64) -> Self {
         self.offset = Some(offset);
         self
     }
 
-    /// The same, saying when to try again.
+    /// Adds the time after which the sender should try again.
     #[must_use]
     pub fn after(mut self, seconds: u64) -> Self {
         self.retry_after = Some(seconds);
         self
     }
 
-    /// A body that is larger than allowed, or broke off.
+    /// A body that is larger than allowed, or ended early.
     pub fn of_body(rejection: &BytesRejection) -> Self {
         if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
             let most = BODY_BYTES >> 10;
@@ -109,7 +109,7 @@ impl Refusal {
         Self::new(rejection.status(), "the body broke off before its end; send the request again")
     }
 
-    /// A body that is not the JSON that is asked for, which looks as `example` does.
+    /// A body that is not the expected JSON, which looks like `example`.
     pub fn of_json(rejection: &JsonRejection, example: &str) -> Self {
         match rejection {
             JsonRejection::BytesRejection(rejection) => Self::of_body(rejection),
@@ -119,7 +119,7 @@ impl Refusal {
             ),
             rejection => {
                 let text = rejection.body_text();
-                // what the library was about stands before what is wrong
+                // the library puts the subject before the problem
                 let wrong = text.split_once(": ").map_or(&*text, |(_, wrong)| wrong);
                 Self::new(
                     StatusCode::BAD_REQUEST,
@@ -129,19 +129,19 @@ impl Refusal {
         }
     }
 
-    /// Without a token.
+    /// A request without a token.
     pub fn unauthorized() -> Self {
         Self::new(StatusCode::UNAUTHORIZED, "send a token as \"Authorization: Bearer TOKEN\"")
     }
 
-    /// With a token that is none of the daemon's.
+    /// A request with a token that the daemon does not know.
     pub fn wrong_token() -> Self {
         let sentence =
             "this token is none of the daemon's; its files are named by serve.token_file and serve.token";
         Self::new(StatusCode::UNAUTHORIZED, sentence)
     }
 
-    /// With a token that may do other things.
+    /// A request with a token that lacks the scope `wanted`.
     pub fn out_of_scope(token: &str, wanted: Scope) -> Self {
         let sentence =
             format!("the token {token} lacks the scope \"{}\"; serve.token gives scopes", wanted.name());
@@ -155,7 +155,7 @@ impl Refusal {
         Self::new(StatusCode::TOO_MANY_REQUESTS, sentence).after(seconds)
     }
 
-    /// Not of this machine.
+    /// A request to a daemon without tokens that is not addressed to this machine.
     pub fn forbidden() -> Self {
         Self::new(
             StatusCode::FORBIDDEN,
@@ -163,7 +163,7 @@ impl Refusal {
         )
     }
 
-    /// A question of the database that has no answer.
+    /// A query of the database that has no answer.
     pub fn unanswered(error: AskError) -> Self {
         match error {
             AskError::NoView(text) => Self::new(StatusCode::NOT_FOUND, text),
@@ -172,7 +172,7 @@ impl Refusal {
         }
     }
 
-    /// A page of another server.
+    /// A request from a page of another server.
     pub fn of_other_page(headers: &HeaderMap) -> Self {
         let named = |name| {
             let value: Option<&HeaderValue> = headers.get(name);
@@ -187,7 +187,7 @@ impl Refusal {
         Self::new(StatusCode::FORBIDDEN, sentence)
     }
 
-    /// The daemon has no token, and the request would change something.
+    /// A request that would change something, sent to a daemon without a token.
     pub fn needs_token() -> Self {
         Self::new(
             StatusCode::FORBIDDEN,
@@ -196,7 +196,7 @@ impl Refusal {
         )
     }
 
-    /// A fault of this program or machine; the detail goes to the log only.
+    /// A fault of this program or its machine. Only the log contains the details.
     pub fn internal(detail: &dyn std::fmt::Display) -> Self {
         tracing::error!(%detail, "an HTTP request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error; the daemon's log says more")
@@ -216,7 +216,7 @@ impl IntoResponse for Refusal {
         if self.status == StatusCode::UNAUTHORIZED {
             headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
-        // what the client still sends is not read
+        // the rest of the request is not read
         headers.insert(CONNECTION, HeaderValue::from_static("close"));
         response
     }

@@ -1,7 +1,7 @@
-//! Open connections: how many there may be, and which one is closed to make room for another.
+//! Limits the open connections, and chooses the one that is closed to make room for another.
 //!
-//! A new connection is always accepted, because only its request shows whether it asks for the health of the daemon. In
-//! its place, the connection ends that has stood still for longest, among those of the network with the most.
+//! A new connection is always accepted, because only its request shows whether it asks for the health of the daemon.
+//! Instead, the longest idle connection of the network with the most connections is closed.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -19,7 +19,7 @@ pub(super) const CONNECTIONS: usize = 256;
 /// serves many clients.
 const CONNECTIONS_OF_ONE: usize = CONNECTIONS / 4;
 
-/// A connection is not closed for another one within this time after it moved: its request may be on the way.
+/// A connection is not closed for another one within this time after its last byte: its request may be on the way.
 const SPARED: Duration = Duration::from_millis(250);
 
 /// Open connections. Clones share them.
@@ -44,12 +44,12 @@ pub(super) struct ConnectionPlace {
     pub(super) progress: Arc<ConnectionPhase>,
 }
 
-/// How far a connection has come.
+/// Progress of a connection.
 #[derive(Debug)]
 pub(super) struct ConnectionPhase {
     network: Network,
     began: Instant,
-    /// When bytes were last read or written, ms since `began`.
+    /// Time of the last read or written byte, ms since `began`.
     moved_ms: AtomicU64,
     /// Requests that wait for the daemon, not for their client.
     answering: AtomicUsize,
@@ -62,12 +62,12 @@ pub(super) struct ConnectionPhase {
 pub(super) struct Answering(Arc<ConnectionPhase>);
 
 impl Connections {
-    /// None yet.
+    /// Starts without connections.
     pub(super) fn new(proxies: Proxies) -> Self {
         Self { proxies, began: Instant::now(), open: Arc::default() }
     }
 
-    /// Gives a new connection a place. If all places are taken, another connection ends.
+    /// Gives a new connection a place. If all places are taken, closes another connection.
     pub(super) fn enter(&self, network: Network) -> ConnectionPlace {
         let progress = Arc::new(ConnectionPhase {
             network,
@@ -92,7 +92,7 @@ impl Connections {
 }
 
 impl Open {
-    /// The connection that ends if `network` opens another one at `now`; `None` while there is room.
+    /// The connection to close if `network` opens another one at `now`; `None` while there is room.
     fn victim(&self, network: Network, serves_many: bool, now: u64) -> Option<u64> {
         let mut counts: HashMap<Network, usize> = HashMap::new();
         for progress in self.by_number.values() {
@@ -126,13 +126,13 @@ impl ConnectionPhase {
         self.moved_ms.store(ms(self.began.elapsed()), Ordering::Relaxed);
     }
 
-    /// Notes that a request waits for the daemon, so that its client is not blamed for standing still.
+    /// Notes that a request waits for the daemon, so that its client does not count as idle.
     pub(super) fn answering(self: &Arc<Self>) -> Answering {
         self.answering.fetch_add(1, Ordering::Relaxed);
         Answering(Arc::clone(self))
     }
 
-    /// The order in which connections give way at `now`: spared ones last, otherwise by the time of their last byte.
+    /// Order in which connections are closed at `now`: spared ones last, otherwise by the time of their last byte.
     fn rank(&self, now: u64) -> (bool, u64) {
         let moved = self.moved_ms.load(Ordering::Relaxed);
         let is_recent = now.saturating_sub(moved) < ms(SPARED);

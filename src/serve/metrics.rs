@@ -1,5 +1,5 @@
-//! `GET /metrics`: figures for Prometheus, those that the process keeps and those of what is stored. Names and units
-//! follow its conventions.
+//! `GET /metrics`: metrics for Prometheus, from the process and from the database. Names and units follow its
+//! conventions.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -26,17 +26,17 @@ use armwatch_store::{
     BlockedFile, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError, StoredCounts,
 };
 
-/// States of an anomaly that is not settled.
+/// States of an anomaly that is not closed.
 const STATES: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
 
-/// A database that cannot be read in this time counts as unreadable.
+/// Time limit for reading the database. After it, the database counts as unreadable.
 const READ_WITHIN: Duration = Duration::from_secs(8);
 
-/// All figures, as they are now. Those of the process are told also while the database cannot be read.
+/// All metrics with their current values. Those of the process are available even if the database cannot be read.
 pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Response, Refusal> {
     shared.access.check(&headers)?;
     let reading = async {
-        // said where it was met
+        // the error is already logged
         let store = shared.looking().await.ok()?;
         StoredFigures::read(store)
             .await
@@ -57,7 +57,7 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
     Ok(([(CONTENT_TYPE, prometheus_text::CONTENT_TYPE)], text).into_response())
 }
 
-/// What the database says.
+/// Values from the database.
 #[derive(Debug)]
 struct StoredFigures {
     counts: StoredCounts,
@@ -105,11 +105,11 @@ fn written(process: &Metrics, figures: MetricFigures) -> Result<String, fmt::Err
     Ok(text)
 }
 
-/// Figures of the program and of the database, of which there are none while it cannot be read.
+/// Values of the program, and those of the database unless it cannot be read.
 #[derive(Debug)]
 struct MetricFigures {
     stored: Option<StoredFigures>,
-    /// Whether uploads are taken, where they are on.
+    /// True if uploads are accepted; `None` if they are off.
     uploads: Option<bool>,
 }
 
@@ -165,7 +165,7 @@ fn of_database(to: &mut DescriptorEncoder<'_>, stored: &StoredFigures) -> fmt::R
     )
 }
 
-/// Name and help of a family with a figure of each joint, and where the figure stands.
+/// Name and help of a metric per joint, and the function that returns its value.
 type JointFigure = (&'static str, &'static str, fn(&FleetHealthRow) -> Option<f64>);
 
 fn of_joints(to: &mut DescriptorEncoder<'_>, health: &[FleetHealthRow]) -> fmt::Result {
@@ -220,7 +220,7 @@ fn of_robots(to: &mut DescriptorEncoder<'_>, stored: &StoredFigures) -> fmt::Res
         "Exports in quarantine that somebody has to look at, by the robot of their names.",
         stored.quarantined.iter().map(|(robot, exports)| ([("robot", &**robot)], *exports)),
     )?;
-    // 0 for each robot with a result, so that a rule sees the end
+    // 0 for each robot with a result, so that a rule sees when the last file is no longer blocked
     let mut blocked: BTreeMap<&str, u64> = stored.health.iter().map(|row| (&*row.robot, 0)).collect();
     for file in &stored.blocked {
         *blocked.entry(file.robot.as_deref().unwrap_or(UNKNOWN_ROBOT)).or_default() += 1;
@@ -263,7 +263,7 @@ fn seconds(at: Timestamp) -> f64 {
     at.as_millisecond() as f64 / 1e3
 }
 
-/// Writes a family of gauges, each with its labels and its value. A family without gauges is left out.
+/// Writes a family of gauges, each with its labels and value. Omits a family without gauges.
 fn gauges<'a, const N: usize, V: EncodeGaugeValue>(
     to: &mut DescriptorEncoder<'_>,
     name: &str,

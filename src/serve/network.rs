@@ -40,7 +40,7 @@ impl std::fmt::Display for Network {
 pub(super) struct Proxies(Arc<[IpAddr]>);
 
 impl Proxies {
-    /// These addresses.
+    /// Proxies with these addresses.
     pub(super) fn new(addresses: &[IpAddr]) -> Self {
         Self(addresses.iter().map(IpAddr::to_canonical).collect())
     }

@@ -1,4 +1,4 @@
-//! `GET /v1/openapi.json`: the API as a description that programs read, made from the code that answers.
+//! `GET /v1/openapi.json`: a machine-readable description of the API, made from the code that answers.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use utoipa::{Modify, OpenApi as _};
 use super::answer::{Refusal, Refused};
 use super::shared::Shared;
 
-/// What the description says besides the routes, which their own code describes.
+/// General part of the description. The code of each route describes the route.
 #[derive(utoipa::OpenApi)]
 #[openapi(
     info(
@@ -31,7 +31,7 @@ use super::shared::Shared;
 )]
 struct General;
 
-/// How requests carry a token.
+/// Security scheme: how requests carry a token.
 struct TokenScheme;
 
 impl Modify for TokenScheme {
@@ -48,7 +48,7 @@ impl Modify for TokenScheme {
 /// The description without the routes.
 pub(super) fn general() -> OpenApi {
     let mut document = General::openapi();
-    // a licence of the program says nothing on that of its answers
+    // the program's licence does not apply to its answers
     document.info.license = None;
     document.info.contact = None;
     document

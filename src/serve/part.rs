@@ -1,4 +1,4 @@
-//! Which bytes of an export a request holds, by its headers.
+//! Range of the bytes of an export that a request contains, according to its headers.
 
 use axum::http::header::{CONTENT_LENGTH, CONTENT_RANGE};
 use axum::http::{HeaderMap, StatusCode};
@@ -6,20 +6,20 @@ use axum::http::{HeaderMap, StatusCode};
 use super::answer::Refusal;
 use super::receive::too_large;
 
-/// Which bytes of an export a request holds.
+/// Range of the bytes of an export that a request contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ByteRange {
-    /// The first of them.
+    /// Position of the first byte.
     pub first: u64,
-    /// Bytes of the body, where the client says it.
+    /// Bytes of the body, if the client gives them.
     pub length: Option<u64>,
-    /// Bytes of the whole export, where the client sends it in parts.
+    /// Bytes of the whole export, if the client sends it in parts.
     pub total: Option<u64>,
 }
 
 impl ByteRange {
-    /// Reads `Content-Range: bytes FIRST-LAST/TOTAL`, or `bytes */TOTAL` where all bytes are there and only
-    /// the end is missing.
+    /// Reads `Content-Range: bytes FIRST-LAST/TOTAL`, or `bytes */TOTAL` if all bytes have arrived and only the end is
+    /// missing.
     ///
     /// # Errors
     /// 400 for a header that is not a range, 413 for more than `most` bytes.
@@ -47,7 +47,7 @@ impl ByteRange {
         Ok(part)
     }
 
-    /// Whether what is there of the upload is thrown away.
+    /// Returns true if the bytes that have arrived so far are discarded.
     pub fn is_from_start(self) -> bool {
         self.first == 0 && (self.total.is_none() || self.length != Some(0))
     }

@@ -1,4 +1,4 @@
-//! How many requests one network may send: a bucket of tokens that fills at a steady rate.
+//! Limit of the requests per network: a bucket of tokens that fills at a steady rate.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 
 use super::network::Network;
 
-/// Seconds' worth of requests that may come at once, as a page asks for many things when it opens.
+/// Requests that may arrive at once, as seconds of the rate. A page sends many when it opens.
 const BURST_S: f64 = 4.0;
 
-/// Least number of requests that may come at once, however low the rate.
+/// Least number of requests that may arrive at once, even at a low rate.
 const LEAST_BURST: f64 = 20.0;
 
-/// Networks that are remembered before those that have been silent are forgotten.
+/// Number of networks in memory above which silent ones are forgotten.
 const REMEMBERED: usize = 4096;
 
 /// Requests by network.
@@ -29,7 +29,7 @@ struct Bucket {
 }
 
 impl RequestRates {
-    /// So many requests a second of each network; 0 is no bound.
+    /// Allows `per_second` requests per second and network; 0 is no limit.
     pub(super) fn new(per_second: f64) -> Self {
         Self { per_second, buckets: Mutex::default() }
     }

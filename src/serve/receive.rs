@@ -1,4 +1,4 @@
-//! From a request's body to a file: bounded in memory, size and time.
+//! Writes the body of a request to a file, within limits of memory, size and time.
 
 use std::future::poll_fn;
 use std::io;
@@ -14,38 +14,38 @@ use tokio_util::sync::CancellationToken;
 use super::answer::Refusal;
 use super::spool::{Claim, PartialFile};
 
-/// Pieces between the connection and the disk; each has some 16 to 400 kilobytes.
+/// Pieces between the connection and the disk. Each has about 16 to 400 kilobytes.
 const PIECES_IN_FLIGHT: usize = 2;
 
-/// What a client must send within the idle time; less is held to be nothing.
+/// Bytes that a client must send within the idle time. A client that sends fewer counts as idle.
 const LEAST_BYTES: u64 = 16 << 10;
 
-/// What a client must send on average from the second minute on, bytes per second: a slow line of 64 kbit/s. An upload
-/// is over after a bounded time, and clients that drip cannot hold every place.
+/// Average speed that a client must reach from the second minute on, bytes per second: that of a slow line of 64
+/// kbit/s. Each upload thus ends after a bounded time, and slow clients cannot occupy all places.
 const LEAST_RATE: u64 = 8 << 10;
 
-/// How long an upload may be slower than [`LEAST_RATE`].
+/// Time for which an upload may be slower than [`LEAST_RATE`].
 pub const SLOW_START: Duration = Duration::from_secs(60);
 
-/// Bounds of one body.
+/// Limits of one body.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyBounds {
     /// Most bytes.
     pub bytes: u64,
-    /// How long a client may send next to nothing.
+    /// Time for which a client may send almost nothing.
     pub idle: Duration,
-    /// How long it may be slower than [`LEAST_RATE`].
+    /// Time for which it may be slower than [`LEAST_RATE`].
     pub slow_start: Duration,
-    /// How long it may take, however fast.
+    /// Time after which an upload ends at any speed.
     pub total: Duration,
 }
 
-/// Writes a body to the upload, from its start or behind what is there, and gives back the claim. What arrived
-/// before a failure is on disk and can be gone on with.
+/// Writes a body to the upload, from its start or after the bytes that have arrived, and returns the claim. Bytes that
+/// arrived before a failure stay on disk, so that the client can continue.
 ///
 /// # Errors
-/// 408 for a client that sends next to nothing, 413 beyond the bound, 503 at a stop, 507 on a full disk, and
-/// 400 for a body that ends early (the client is then usually gone).
+/// 408 for a client that sends almost nothing, 413 above the limit, 503 at a stop, 507 on a full disk, and 400 for a
+/// body that ends early (the client is then usually disconnected).
 pub async fn receive(
     claim: Claim,
     from_start: bool,
@@ -54,7 +54,7 @@ pub async fn receive(
     stop: &CancellationToken,
 ) -> Result<Claim, Refusal> {
     let (pieces, to_write) = mpsc::channel(PIECES_IN_FLIGHT);
-    // the claim goes with the writer: when the client goes away, this function is dropped in its middle
+    // the writer owns the claim, because this function is dropped early if the client disconnects
     let writer = tokio::task::spawn_blocking(move || {
         let written = claim.open(from_start).and_then(|file| write(file, to_write));
         (written, claim)
@@ -64,7 +64,7 @@ pub async fn receive(
     match (written, received) {
         (Err(error), _) => {
             if is_full(&error) {
-                // it would keep the disk full, for the database too
+                // otherwise it would keep the disk full, for the database too
                 claim.remove();
             }
             Err(of_disk(&error))
@@ -81,7 +81,7 @@ pub async fn receive(
     }
 }
 
-/// What a failed write means for the client.
+/// Refusal after a failed write.
 pub fn of_disk(error: &io::Error) -> Refusal {
     if is_full(error) {
         tracing::warn!(%error, "no space for uploads");
@@ -91,7 +91,7 @@ pub fn of_disk(error: &io::Error) -> Refusal {
     }
 }
 
-/// The answer while uploads cannot be taken.
+/// Refusal while uploads are impossible.
 pub fn no_uploads(reason: &str) -> Refusal {
     let sentence =
         format!("{reason}; on the daemon's machine, free space or mend the spool, then send again");
@@ -152,20 +152,20 @@ async fn hand_on(
             (lately, deadline) = (0, Instant::now() + bounds.idle);
         }
         if pieces.send(piece).await.is_err() {
-            // the writer says why
+            // the writer returns the error
             return Ok(());
         }
     }
 }
 
 impl BodyBounds {
-    /// How long after its begin an upload of so many bytes must have gone on, or ended.
+    /// Time limit, from its start, for an upload that has sent `received` bytes so far.
     fn time_for(&self, received: u64) -> Duration {
         self.slow_start.max(Duration::from_secs(received / LEAST_RATE)).min(self.total)
     }
 }
 
-/// An upload that is longer than allowed.
+/// Refusal of an upload that is longer than allowed.
 pub fn too_large(most: u64) -> Refusal {
     let sentence = format!(
         "larger than {most} bytes; compress the export, or raise serve.upload.max_bytes in the configuration"
@@ -213,14 +213,14 @@ mod tests {
         claim.open(true).unwrap().append(b"0123").unwrap();
         let stop = CancellationToken::new();
         stop.cancel();
-        // the first byte comes at once and may be taken before the stop is seen, none after it
+        // the first byte arrives at once and may be read before the stop takes effect; no later byte is read
         let drips = Body::new(Drips(tokio::time::interval(Duration::from_secs(600))));
         let refusal = receive(claim, false, drips, BOUNDS, &stop).await.unwrap_err();
         assert_eq!(refusal.status, StatusCode::SERVICE_UNAVAILABLE);
         assert!(matches!(refusal.offset, Some(4 | 5)), "{:?}", refusal.offset);
     }
 
-    /// A body that goes on for ever, a byte every ten milliseconds.
+    /// An endless body that sends one byte per tick.
     struct Drips(tokio::time::Interval);
 
     impl HttpBody for Drips {

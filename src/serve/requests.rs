@@ -1,4 +1,4 @@
-//! Counts requests and how long their answers take.
+//! Counts requests and measures the time of their answers.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,10 +10,10 @@ use axum::response::Response;
 
 use super::shared::Shared;
 
-/// What addresses are counted as that no route has, whatever clients ask for.
+/// Common label of all addresses without a route, because clients may send any address.
 const NO_ROUTE: &str = "other";
 
-/// Answers a request and counts it, by the pattern of its address.
+/// Answers a request and counts it under the pattern of its address.
 pub async fn count(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let began = Instant::now();
     let method = method(request.method());
@@ -24,7 +24,7 @@ pub async fn count(State(shared): State<Arc<Shared>>, request: Request, next: Ne
     answer
 }
 
-/// Name of a method that there is; clients may send any word.
+/// Name of a known method, otherwise `other`, because clients may send any word.
 fn method(method: &Method) -> &'static str {
     match *method {
         Method::GET => "GET",

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::statvfs;
 
-/// The reserve of a disk unless the configuration says another: one in so many bytes of the disk ...
+/// Default reserve: the disk's size divided by this number ...
 const DEFAULT_SHARE: u64 = 20;
 
-/// ... and at most so many bytes: a write-ahead log takes some hundred megabytes after a burst.
+/// ... but at most this many bytes. A write-ahead log takes some hundred megabytes after a burst.
 const DEFAULT_MOST_BYTES: u64 = 1 << 30;
 
 /// Free space on the disks of some folders.
@@ -19,7 +19,7 @@ pub struct Reserve {
     bytes: Option<u64>,
 }
 
-/// More space than there is.
+/// Missing space.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shortage {
     /// Bytes that are missing.
@@ -30,8 +30,8 @@ pub struct Shortage {
 }
 
 impl Reserve {
-    /// The reserve on the disks of the spool and of the database, unless that is on a server; `bytes` on each disk, or by
-    /// default 5 % of the disk and at most 1 GiB.
+    /// The reserve on the disks of the spool and of the database, unless the database is on a server. `bytes` applies
+    /// to each disk; by default it is 5 % of the disk and at most 1 GiB.
     #[must_use]
     pub fn new(spool: &Path, database: Option<&Path>, bytes: Option<u64>) -> Self {
         let mut folders = vec![("the spool", spool.to_owned())];
@@ -42,7 +42,7 @@ impl Reserve {
         Self { folders, bytes }
     }
 
-    /// The space that is missing to write so many bytes and leave the reserve free; `None` if there is enough.
+    /// Space that is missing to write this many bytes and leave the reserve free; `None` if there is enough.
     ///
     /// # Errors
     /// Those of the file system.

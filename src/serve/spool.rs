@@ -1,5 +1,7 @@
-//! The folder that uploads go to. What is not whole yet lies in a hidden folder inside it, which no scan looks
-//! into, under a name made of what tells uploads apart; it survives a restart, and is renamed in when whole.
+//! The folder that receives uploads.
+//!
+//! An unfinished upload is in a hidden folder inside it, which scans skip. Its file name is derived from the key of the
+//! upload, so that the upload survives a restart. A finished upload is renamed into the spool.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -15,31 +17,32 @@ use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use armwatch_ingest::find::durable::sync_names;
 use armwatch_model::run::ContentHash;
 
-/// Folder of uploads that are not whole, inside the spool: hidden, and on the same file system.
+/// Folder of unfinished uploads inside the spool: hidden, and on the same file system.
 const PARTIAL: &str = ".partial";
 
-/// An upload that was not gone on with for so long is given up. A machine that was off over a week-end, or
-/// a week of holidays, still finds its own.
+/// An upload that its client has not continued for this time is deleted. A machine that was off over a weekend or a
+/// week of holidays still finds its own uploads.
 const STALE: Duration = Duration::from_secs(10 * 24 * 3600);
 
-/// An upload must also have stood still for so long before this process, whose clock does not jump: a machine without
-/// a battery takes the right date from the network after its start.
+/// An upload must also have been unchanged for this time during this process. Its clock does not jump, but a machine
+/// without a battery gets the correct date from the network only after its start.
 const STALE_HERE: Duration = Duration::from_secs(24 * 3600);
 
-/// While space is short, an upload that its client has not continued for so long is deleted. Its client begins again;
-/// without space, no client could upload anything.
+/// While space is short, an upload that its client has not continued for this time is deleted. Its client must start
+/// again. Without space, no client could upload anything.
 const STALE_WHEN_SHORT: Duration = Duration::from_secs(3600);
 
-/// Most uploads that are not whole: clients that begin and never end must not fill a disk's tables.
+/// Largest number of unfinished uploads. Clients that start uploads and never finish them must not fill the tables of a
+/// disk.
 const MOST_PARTIALS: usize = 1024;
 
-/// The share of one client, so that a client that begins and never ends loses its own uploads only.
+/// Share of one client. A client that starts uploads and never finishes them loses only its own uploads.
 const MOST_PARTIALS_OF_ONE: usize = MOST_PARTIALS / 4;
 
 /// Bytes of a file that are written before the reserve is checked again.
 const CHECK_INTERVAL_BYTES: usize = 4 << 20;
 
-/// The folder.
+/// The folder of uploads.
 #[derive(Debug, Clone)]
 pub struct Spool {
     folder: PathBuf,
@@ -49,30 +52,30 @@ pub struct Spool {
     /// Most uploads of one client that are written at once.
     most_of_one: usize,
     probes: Arc<AtomicU64>,
-    /// Uploads that are not whole, as they were when they changed last.
+    /// State of the unfinished uploads since their latest change.
     standing: Arc<Mutex<HashMap<PathBuf, UploadAge>>>,
 }
 
-/// Length and time of modification of an upload, and since when it has had them.
+/// Length and modification time of an upload, and the time since which both are unchanged.
 type UploadAge = (u64, SystemTime, Instant);
 
-/// An upload that is not whole. Its file is named `KEY.TOTAL.CLIENT`, so that total and client survive a restart. Earlier
+/// An unfinished upload. Its file is named `KEY.TOTAL.CLIENT`, so that total and client survive a restart. Earlier
 /// versions named it `KEY`.
 #[derive(Debug)]
 struct PartialUpload {
     path: PathBuf,
     /// The hash of name and content.
     key: String,
-    /// Bytes of the whole export, if a request has said it.
+    /// Bytes of the whole export, if a request gave them.
     total: Option<u64>,
     /// The client that sent the latest part.
     client: String,
-    /// Bytes that are there.
+    /// Bytes that have arrived.
     bytes: u64,
     modified: SystemTime,
 }
 
-/// An upload that is not whole, claimed by one request until it is dropped.
+/// An unfinished upload, claimed by one request until it is dropped.
 #[derive(Debug)]
 pub struct Claim {
     spool: Spool,
@@ -82,12 +85,12 @@ pub struct Claim {
     total: Option<u64>,
 }
 
-/// Why an upload cannot be claimed.
+/// Reason why an upload cannot be claimed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Busy {
     /// Another request writes to it.
     Upload,
-    /// Its client writes to as many others as it may.
+    /// Its client already writes to the largest allowed number of other uploads.
     Client,
 }
 
@@ -98,7 +101,7 @@ impl Drop for Claim {
 }
 
 impl Spool {
-    /// A folder that leaves a reserve free on its disk. One client writes at most `most_of_one` uploads at once.
+    /// A folder on a disk with reserved free space. One client writes at most `most_of_one` uploads at once.
     #[must_use]
     pub fn new(folder: &Path, reserve: Reserve, most_of_one: usize) -> Self {
         Self {
@@ -130,12 +133,12 @@ impl Spool {
         self.probe()
     }
 
-    /// Sees that the folder can be written to.
+    /// Checks that the folder can be written to.
     ///
     /// # Errors
     /// Those of the file system.
     pub fn probe(&self) -> io::Result<()> {
-        // a name of its own: two that look at once must not take each other's file away
+        // a unique name, so that two checks at once do not delete each other's file
         let number = self.probes.fetch_add(1, Ordering::Relaxed);
         let probe = self.folder.join(PARTIAL).join(format!("probe-{}-{number}", std::process::id()));
         let written = File::create(&probe).and_then(|mut file| file.write_all(b"?"));
@@ -143,9 +146,9 @@ impl Spool {
         written.and(removed)
     }
 
-    /// Checks that so many more bytes leave the reserve free. While they do not, deletes uploads that their clients have
+    /// Checks that the reserve stays free after `bytes` more bytes. Otherwise deletes uploads that their clients have
     /// not continued for an hour as of `date`, the oldest first. For 0 bytes it deletes as many as there are, otherwise
-    /// only if they free enough.
+    /// only if they free enough space.
     ///
     /// # Errors
     /// [`io::ErrorKind::StorageFull`] without space, otherwise those of the file system.
@@ -170,7 +173,7 @@ impl Spool {
         self.reserve.shortage(bytes)?.map_or(Ok(()), |short| Err(short.into()))
     }
 
-    /// Claims the upload of this name and, where the client said it, content.
+    /// Claims the upload with this name and, if the client gave it, this content.
     ///
     /// # Errors
     /// [`Busy`] while another request writes to it, or its client writes to too many. In the outer result, those of the
@@ -201,7 +204,7 @@ impl Spool {
         Ok(Ok(claim))
     }
 
-    /// How many bytes of an upload are there, and whether it is whole; `None` where nothing is.
+    /// Returns the bytes of an upload that have arrived, and true if it is complete. `None` if there is no such upload.
     ///
     /// # Errors
     /// Those of the file system.
@@ -212,13 +215,13 @@ impl Spool {
         Ok(length(&self.place(name))?.map(|bytes| (bytes, true)))
     }
 
-    /// Where the upload of this name lies when it is whole.
+    /// Path of the finished upload with this name.
     #[must_use]
     pub fn place(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
-    /// The content under this name, where there is one.
+    /// Content of the finished upload with this name, if there is one.
     ///
     /// # Errors
     /// Those of the file system.
@@ -230,17 +233,17 @@ impl Spool {
         }
     }
 
-    /// Puts a whole upload under its name, in the place of what is there. It lasts when this returns.
+    /// Gives a finished upload its name and replaces a file with this name. The result is durable when this returns.
     ///
     /// # Errors
-    /// Those of the file system; nothing is lost then.
+    /// Those of the file system. Nothing is lost then.
     pub fn put(&self, claim: &Claim, name: &str) -> io::Result<()> {
         fs::rename(&claim.path, self.place(name))?;
         sync_names(&self.folder)
     }
 
-    /// Gives up uploads that were not gone on with for days, as of `date` and, by a clock that does not jump, `now`.
-    /// Returns how many.
+    /// Deletes uploads that their clients have not continued for days, as of `date` and of `now`, a clock that does not
+    /// jump. Returns their number.
     ///
     /// # Errors
     /// Those of the file system.
@@ -263,8 +266,8 @@ impl Spool {
         Ok(removed)
     }
 
-    /// Removes idle uploads until `client` may begin another one: the oldest of its own beyond its share, otherwise of
-    /// the client that has most.
+    /// Deletes idle uploads until `client` may start another one: the oldest of its own if it exceeds its share,
+    /// otherwise those of the client with most uploads.
     fn make_room(&self, client: &str) -> io::Result<()> {
         loop {
             let mut partials = self.partials()?;
@@ -291,15 +294,15 @@ impl Spool {
                 }
             }
             if !removed {
-                // requests write to all of them, and end
+                // requests still write to all of them
                 return Ok(());
             }
         }
     }
 
-    /// Removes an upload, unless a request writes to it. Returns whether it did.
+    /// Deletes an upload unless a request writes to it. Returns true if no file is left.
     fn give_up(&self, partial: &PartialUpload) -> io::Result<bool> {
-        // held, so that no request claims it meanwhile
+        // locked, so that no request claims it during the deletion
         let active = self.active();
         if active.contains_key(&partial.key) {
             return Ok(false);
@@ -310,7 +313,7 @@ impl Spool {
         }
     }
 
-    /// Uploads that are not whole.
+    /// Unfinished uploads.
     fn partials(&self) -> io::Result<Vec<PartialUpload>> {
         let entries = match fs::read_dir(self.folder.join(PARTIAL)) {
             Ok(entries) => entries,
@@ -323,11 +326,11 @@ impl Spool {
             match entry.metadata() {
                 Ok(metadata) => match PartialUpload::of(entry.path(), &metadata) {
                     Some(partial) => partials.push(partial),
-                    // of a process that was killed meanwhile
+                    // left by a process that was killed
                     None if is_old(&metadata) => drop(fs::remove_file(entry.path())),
                     None => {}
                 },
-                // it was deleted or became whole since the listing
+                // deleted or finished since the listing
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => return Err(error),
             }
@@ -344,14 +347,14 @@ impl Spool {
     }
 }
 
-/// Whether a probe is no longer in use.
+/// Returns true if a probe is no longer in use.
 fn is_old(probe: &fs::Metadata) -> bool {
     let age = probe.modified().ok().and_then(|modified| modified.elapsed().ok());
     age.is_some_and(|age| age > STALE_WHEN_SHORT)
 }
 
 impl PartialUpload {
-    /// Reads the name of a file; `None` for a probe.
+    /// Parses the name of a file. Returns `None` for a probe.
     fn of(path: PathBuf, metadata: &fs::Metadata) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
         let mut words = name.split('.');
@@ -367,7 +370,8 @@ impl PartialUpload {
     }
 }
 
-/// The key of an upload, a hash of its name and content: a name of 255 bytes leaves no room for an ending. Names hold no line feed.
+/// Key of an upload: a hash of its name and content, because a name of 255 bytes leaves no room for an ending. Names
+/// contain no line feed.
 fn key(name: &str, content: Option<&ContentHash>) -> String {
     let content = content.map(ToString::to_string).unwrap_or_default();
     key_of(&format!("{name}\n{content}"))
@@ -378,7 +382,7 @@ fn key_of(text: &str) -> String {
 }
 
 impl Claim {
-    /// Bytes that are there.
+    /// Bytes that have arrived.
     ///
     /// # Errors
     /// Those of the file system.
@@ -386,14 +390,14 @@ impl Claim {
         Ok(length(&self.path)?.unwrap_or(0))
     }
 
-    /// Bytes of the whole export, if an earlier request has said it.
+    /// Bytes of the whole export, if an earlier request gave them.
     #[must_use]
     pub fn total(&self) -> Option<u64> {
         self.total
     }
 
-    /// Begins the upload, of which an earlier one may be there, or goes on with it. `total` are the bytes of the whole
-    /// export if the client says it; an upload that is gone on with keeps the total that it has.
+    /// Starts the upload, or continues an earlier one. `total` is the number of bytes of the whole export, if the
+    /// client gives it. A continued upload keeps its earlier total.
     ///
     /// # Errors
     /// Those of the file system.
@@ -413,7 +417,7 @@ impl Claim {
         Ok(())
     }
 
-    /// Opens the upload to be written from its start, or to be gone on with.
+    /// Opens the upload to write it from the start or to continue it.
     ///
     /// # Errors
     /// Those of the file system.
@@ -425,7 +429,7 @@ impl Claim {
         Ok(PartialFile { file, reserve: Arc::clone(&self.spool.reserve), unchecked: 0 })
     }
 
-    /// Content and length, read from disk.
+    /// Hash and length of the content, read from disk.
     ///
     /// # Errors
     /// Those of the file system.
@@ -433,16 +437,16 @@ impl Claim {
         fingerprint(&self.path)
     }
 
-    /// Gives the upload up.
+    /// Deletes the upload.
     pub fn remove(&self) {
         if let Err(error) = fs::remove_file(&self.path) {
-            // it goes as a stale one later
+            // it is deleted later as a stale one
             tracing::debug!(%error, "an upload that is given up stays for now");
         }
     }
 }
 
-/// The file of an upload, which grows only while the reserve is free.
+/// File of an upload, which grows only while the reserve is free.
 #[derive(Debug)]
 pub struct PartialFile {
     file: File,

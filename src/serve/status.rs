@@ -1,4 +1,4 @@
-//! What became of an export, and whether the program lives.
+//! Status of an export, and health of the daemon.
 
 use std::path;
 use std::sync::Arc;
@@ -94,7 +94,7 @@ pub async fn of_export(
     Path(name): Path<String>,
     headers: HeaderMap,
 ) -> Result<Json<ExportStatus>, Refusal> {
-    // who sends an export may ask what became of it
+    // a token for uploads may also ask for the status of an export
     if shared.access.check_for(Scope::Upload, &headers).is_err() {
         shared.access.check(&headers)?;
     }
@@ -108,7 +108,7 @@ pub async fn of_export(
     found.map(Json).ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, unknown))
 }
 
-/// What became of a content: its run, or that it waits for one.
+/// Status of a content: its run, or the waiting upload.
 async fn of_content(shared: &Shared, hash: &ContentHash) -> Result<Option<ExportStatus>, Refusal> {
     let known = shared.store.lookup(hash).await.map_err(|error| Refusal::internal(&error))?;
     if let Some(run) = known {
@@ -130,8 +130,8 @@ fn waiting(hash: &ContentHash) -> ExportStatus {
     ExportStatus { hash, run_id: None, status, cycles: 0, reason: None }
 }
 
-/// What became of the latest export of a name: of an upload that waits, else of the latest run whose file had this name,
-/// else of a content that is known by another name.
+/// Status of the latest export with a name: the waiting upload if there is one, otherwise the latest run whose file had
+/// this name, otherwise a content that is known under another name.
 async fn of_name(shared: &Shared, name: &str) -> Result<Option<ExportStatus>, Refusal> {
     let uploads = shared.uploads.as_ref();
     if let Some(sent) = uploads.and_then(|uploads| uploads.waiting_as(name))
@@ -148,7 +148,7 @@ async fn of_name(shared: &Shared, name: &str) -> Result<Option<ExportStatus>, Re
                 return Ok(Some(found));
             }
         }
-        // an upload from before the start of this process, which nobody has looked at yet
+        // an upload from before the start of this process, which no scan has read yet
         if let Some(there) = content_in_spool(uploads, name).await? {
             return Ok(Some(of_content(shared, &there).await?.unwrap_or_else(|| waiting(&there))));
         }
@@ -181,16 +181,16 @@ async fn latest_run(shared: &Shared, column: &str, value: &str) -> Result<Option
     Ok(runs.objects().next().map(status))
 }
 
-/// The content of the upload of this name, where one lies in the spool and can be read.
+/// Content of the upload with this name, if it is in the spool and can be read.
 async fn content_in_spool(uploads: &Uploads, name: &str) -> Result<Option<ContentHash>, Refusal> {
-    // nothing outside the folder is looked at
+    // reads nothing outside the folder
     if name.starts_with('.') || path::Path::new(name).file_name() != Some(name.as_ref()) {
         return Ok(None);
     }
     let (spool, of) = (uploads.spool.clone(), name.to_owned());
     let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
     Ok(there.map_err(|error| Refusal::internal(&error))?.unwrap_or_else(|error| {
-        // a name that no file can have is nobody's fault
+        // no error of the daemon: a client may send a name that no file can have
         tracing::debug!(name, %error, "an upload that is asked for cannot be read");
         None
     }))
@@ -205,10 +205,10 @@ pub async fn health() -> Json<Health> {
     Json(Health { status: "ok" })
 }
 
-/// A look at database or spool that takes longer says that its disk does not answer.
+/// Time limit for a check of database or spool. After it, the disk counts as not answering.
 const LOOKS_WITHIN: Duration = Duration::from_secs(3);
 
-/// How long an answer to [`ready`] holds: who asks in a loop, without a token, costs next to nothing.
+/// Time for which an answer to [`ready`] is reused. Requests need no token, so that frequent ones must cost little.
 const READY_HOLDS: Duration = Duration::from_secs(1);
 
 /// Whether the daemon can work
@@ -264,9 +264,9 @@ pub async fn ready(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Res
     (status, Json(ready)).into_response()
 }
 
-/// What a look at database and spool says, at most a second old.
+/// State of database and spool, at most a second old.
 pub(super) async fn readiness(shared: &Arc<Shared>) -> Readiness {
-    // those that ask meanwhile wait for this look
+    // requests that arrive during this check wait for its result
     let mut last = shared.readiness.lock().await;
     if let Some(known) = last.as_ref().filter(|known| known.at.elapsed() < READY_HOLDS) {
         return known.clone();
@@ -277,7 +277,7 @@ pub(super) async fn readiness(shared: &Arc<Shared>) -> Readiness {
     };
     let database = match database {
         Some(Ok(())) => Ok(()),
-        // anybody may ask, and the whole sentence names paths
+        // this answer needs no token, and the full message names paths
         Some(Err(StoreError::Displaced { .. })) => Err("the open database is no longer the file at its path"),
         Some(Err(_)) => Err("the database does not answer"),
         None => Err("the disk of the database does not answer"),
@@ -296,7 +296,7 @@ pub(super) async fn readiness(shared: &Arc<Shared>) -> Readiness {
     last.insert(Readiness { at: Instant::now(), database, obstacle }).clone()
 }
 
-/// Result of `ask`; `None` if it does not answer in time. It may then hang in a call to a disk.
+/// Result of `ask`, or `None` if it does not answer in time. Its task may then hang in a call to a disk.
 async fn look<T: Send + 'static, A: Future<Output = T> + Send + 'static>(
     shared: &Arc<Shared>,
     ask: impl FnOnce(Arc<Shared>) -> A,
@@ -305,7 +305,7 @@ async fn look<T: Send + 'static, A: Future<Output = T> + Send + 'static>(
     tokio::time::timeout(LOOKS_WITHIN, asked).await.ok()?.ok()
 }
 
-/// Any other address.
+/// Answers a request to an unknown address.
 pub async fn nothing() -> Refusal {
     Refusal::new(
         StatusCode::NOT_FOUND,
@@ -313,7 +313,7 @@ pub async fn nothing() -> Refusal {
     )
 }
 
-/// Any other method.
+/// Answers a request with an unsupported method.
 pub async fn no_method() -> Refusal {
     Refusal::new(
         StatusCode::METHOD_NOT_ALLOWED,
@@ -321,7 +321,7 @@ pub async fn no_method() -> Refusal {
     )
 }
 
-/// A hash of 64 hexadecimal digits.
+/// Parses a hash of 64 hexadecimal digits.
 pub fn content_hash(text: &str) -> Option<ContentHash> {
     let digits = text.as_bytes();
     let mut hash = [0; 32];

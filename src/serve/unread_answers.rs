@@ -13,7 +13,7 @@ use super::network::Network;
 /// Most bytes of large answers that wait for their clients.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// The share of one client. Programs of this machine may have all, because a proxy serves many clients.
+/// Share of one client. Programs of this machine may have all, because a proxy serves many clients.
 const MOST_BYTES_OF_ONE: u64 = MOST_BYTES / 4;
 
 /// Larger answers are counted. All connections together hold 16 MiB of smaller ones.
@@ -38,7 +38,7 @@ struct Unread {
 }
 
 impl UnreadAnswers {
-    /// Counts an answer until its client has read it. Refuses it with 503 if too many bytes wait.
+    /// Counts an answer until its client has read it. Refuses the answer with 503 if too many bytes wait.
     pub(super) async fn count(&self, network: Network, answer: Response) -> Response {
         let Some(length) = answer.body().size_hint().exact().filter(|length| *length > LARGE_BYTES) else {
             return answer;
@@ -57,8 +57,8 @@ impl UnreadAnswers {
         }
     }
 
-    /// Counts so many bytes; `None` if too many wait. A client may always have one answer, so that no other client can
-    /// keep it from asking.
+    /// Counts `length` bytes, or returns `None` if too many wait. A client may always have one answer, so that other
+    /// clients cannot block it.
     fn enter(&self, network: Network, length: u64) -> Option<Counted> {
         let mut answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let all: u64 = answers.values().sum();

@@ -1,7 +1,7 @@
 //! `PUT` and `HEAD /v1/exports/NAME`.
 //!
-//! An upload is told apart by its name and, where the client says it, its content. Sent again it does no harm:
-//! a content that is there or stored already is not taken twice.
+//! The key of an upload is its name and, if the client gives it, its content. Repeating an upload does no harm: content
+//! that is already in the spool or stored is not accepted twice.
 
 use std::path;
 use std::sync::Arc;
@@ -29,13 +29,13 @@ use armwatch_ingest::bytes::source::is_export;
 use armwatch_model::run::{ContentHash, RunStatus};
 use armwatch_store::{KnownRun, Store};
 
-/// The content that the client means to send, 64 hexadecimal digits.
+/// Header with the hash of the content that the client wants to send, 64 hexadecimal digits.
 const CONTENT_BLAKE3: HeaderName = HeaderName::from_static("x-content-blake3");
 
 /// Longest file name of usual file systems, bytes.
 const LONGEST_NAME: usize = 255;
 
-/// Media types of exports; `octet-stream` says nothing, and so does a form, which `curl` claims by default.
+/// Media types of exports. `octet-stream` gives no information, nor does the form type, the default of `curl`.
 const MEDIA_TYPES: [&str; 9] = [
     "text/csv",
     "text/plain",
@@ -48,7 +48,7 @@ const MEDIA_TYPES: [&str; 9] = [
     "application/x-www-form-urlencoded",
 ];
 
-/// `?supersede=true`: the content takes the place of another one under the same name.
+/// Query of an upload. With `?supersede=true` the content may replace another one under the same name.
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize)]
 pub struct Wishes {
     #[serde(default)]
@@ -168,13 +168,13 @@ pub async fn put(
         return Err(Refusal::new(StatusCode::BAD_REQUEST, "the export is empty"));
     }
     let upload = Upload { name, declared: content, length, claim, supersede: wishes.supersede };
-    // goes on without a client that has sent everything and gone away
+    // continues even if the client disconnects after it has sent everything
     let shared = Arc::clone(&shared);
     let placed = tokio::spawn(async move { place(&shared, upload).await });
     placed.await.map_err(|error| Refusal::internal(&error))?.map(Taken::answer)
 }
 
-/// Deletes abandoned uploads, and logs when uploads can be taken and when they cannot, until the stop.
+/// Deletes abandoned uploads until the stop. Logs each time uploads become possible or impossible.
 pub async fn clean(shared: &Shared) {
     let Some(uploads) = &shared.uploads else { return };
     loop {
@@ -203,7 +203,7 @@ fn uploads(shared: &Shared) -> Result<&Uploads, Refusal> {
     })
 }
 
-/// A name that is one file in the spool and that a scan takes for an export.
+/// Checks that a name is a single file in the spool, and that a scan recognises it as an export.
 fn check_name(name: &str) -> Result<(), Refusal> {
     let bad = |sentence: &str| Err(Refusal::new(StatusCode::BAD_REQUEST, sentence));
     if name.contains(['/', '\\']) || name.contains("..") {
@@ -265,7 +265,8 @@ fn declared_content(headers: &HeaderMap) -> Result<Option<ContentHash>, Refusal>
     })
 }
 
-/// The run of a content that a file of this name would have: of its robot, or of one whose exports are read alike.
+/// Run with this content that a file of this name would have: a run of the robot that the name gives, or of a robot
+/// whose exports are read in the same way.
 async fn known_as(
     store: &Store,
     uploads: &Uploads,
@@ -281,7 +282,7 @@ async fn known_as(
     Ok(runs.iter().find(is_alike).map(|(run, ..)| run.clone()))
 }
 
-/// The run that holds a content for good.
+/// The complete run with this content.
 async fn stored(
     store: &Store,
     uploads: &Uploads,
@@ -292,7 +293,7 @@ async fn stored(
     Ok(known.filter(|run| run.status == RunStatus::Complete))
 }
 
-/// Claims the upload, and checks that the part continues it and has space.
+/// Claims the upload. Checks that the part continues it and that there is space.
 async fn claimed(
     uploads: &Uploads,
     name: &str,
@@ -315,7 +316,7 @@ async fn claimed(
     tokio::task::spawn_blocking(claim).await.map_err(|error| Refusal::internal(&error))?
 }
 
-/// Checks that a part begins where the upload ends, and belongs to the same export.
+/// Checks that a part begins at the end of the upload and belongs to the same export.
 fn check_part(claim: &Claim, part: ByteRange) -> Result<(), Refusal> {
     if part.is_from_start() {
         return Ok(());
@@ -336,7 +337,7 @@ fn check_part(claim: &Claim, part: ByteRange) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// An upload that cannot be claimed now; a client that stands still is cut after `idle` seconds.
+/// Refusal of an upload that cannot be claimed now. An idle client is disconnected after `idle` seconds.
 fn under_way(busy: Busy, idle: u64) -> Refusal {
     match busy {
         Busy::Upload => Refusal::new(
@@ -352,13 +353,13 @@ fn under_way(busy: Busy, idle: u64) -> Refusal {
     }
 }
 
-/// A spool that cannot be used.
+/// Refusal because the spool cannot be used.
 fn no_spool(error: &std::io::Error) -> Refusal {
     tracing::warn!(%error, "the folder for uploads cannot be used");
     no_uploads(&format!("the folder for uploads cannot be used: {error}"))
 }
 
-/// An upload of which all bytes are there.
+/// An upload that has arrived completely.
 struct Upload {
     name: String,
     declared: Option<ContentHash>,
@@ -423,7 +424,7 @@ fn offset_headers(bytes: u64, whole: bool) -> HeaderMap {
     headers
 }
 
-/// Gives a whole upload its name, unless its content is there or stored already.
+/// Gives a finished upload its name, unless its content is in the spool or stored already.
 async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let uploads = uploads(shared)?;
     let Upload { name, declared, length, claim, supersede } = upload;
@@ -442,7 +443,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let known = known_as(&shared.store, uploads, &name, &content).await?;
     let is_new = there != Some(content) && known.is_none();
     let taken = Taken::new(name.clone(), &content, Some(length), known.as_ref(), is_new);
-    // the bytes of a faulty or unfinished one may be gone from where they were, and are wanted
+    // the file of a quarantined or unfinished run may no longer exist, so its bytes are accepted again
     if there == Some(content) || known.is_some_and(|run| run.status == RunStatus::Complete) {
         claim.remove();
         uploads.remember_known(&name, content);
@@ -464,7 +465,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     Ok(taken)
 }
 
-/// A content that the name stands for, in the spool or in the ledger, and that is not known to be faulty.
+/// Content that already has this name in the spool, otherwise in the ledger, and is not quarantined.
 async fn other_content(
     store: &Store,
     name: &str,

@@ -11,7 +11,7 @@ use tokio::time::{Instant, Sleep, sleep_until};
 
 use super::connections::ConnectionPhase;
 
-/// How long a client may read nothing of an answer.
+/// Time for which a client may read nothing of an answer.
 pub(super) const WRITE_STALL: Duration = Duration::from_secs(30);
 
 /// Speed at which a client must read on average, bytes per second. A slower one uses up [`WRITE_STALL`]. A line of
@@ -25,9 +25,9 @@ pub(super) struct WatchedStream<S> {
     stream: S,
     progress: Arc<ConnectionPhase>,
     stall: Duration,
-    /// How long the client may still be waited for.
+    /// Remaining time for which the stream waits for its client.
     patience: Duration,
-    /// Since when it is waited for.
+    /// Start of the current wait.
     blocked: Option<Instant>,
     timer: Pin<Box<Sleep>>,
 }
@@ -39,7 +39,7 @@ impl<S> WatchedStream<S> {
         Self { stream, progress, stall, patience: stall, blocked: None, timer }
     }
 
-    /// Judges an attempt to write.
+    /// Updates the remaining time after an attempt to write. Fails if a wait has used it up.
     fn judge(
         &mut self,
         context: &mut Context<'_>,
@@ -160,7 +160,7 @@ mod tests {
     async fn a_client_that_reads_slowly_and_steadily_gets_everything() {
         let (mut stream, client) = watched();
         let reading = tokio::spawn(read_steadily(client, 64));
-        // 3200 bytes per second at most: many times as long as a client may take nothing
+        // at most 3200 bytes per second, so that the transfer takes many times `STALL`
         stream.write_all(&[1; 64 * 100]).await.unwrap();
         drop(stream);
         reading.await.unwrap();

@@ -1,4 +1,4 @@
-//! What people do in a page: with alarms, with work on a robot, with exports that were not understood.
+//! Actions of people on a page: on alarms, on maintenance of a robot, on quarantined exports.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ use armwatch_store::{
 /// Most characters of a name or a reason.
 const LONGEST: usize = 1000;
 
-/// Bodies as they are sent, for those who sent another one.
+/// Examples of bodies, for clients that sent a wrong one.
 const DEED_EXAMPLE: &str = r#"{"who": "Lena", "why": "spare part is ordered"}"#;
 const DISMISSAL_EXAMPLE: &str = r#"{"who": "Lena", "why": "a list of parts, not an export"}"#;
 const WORK_EXAMPLE: &str = r#"{"who": "Lena", "what": "gearbox changed", "joint": 3}"#;
@@ -30,10 +30,10 @@ const WORK_EXAMPLE: &str = r#"{"who": "Lena", "what": "gearbox changed", "joint"
 const PLAN_EXAMPLE: &str =
     r#"{"who": "Lena", "what": "gearbox is changed", "until": "2099-01-07T06:00:00Z"}"#;
 
-/// A window beyond a year is a slip of the pen, and would hide alarms for ever.
+/// Longest maintenance window. A longer one is probably a typing error, and would hide alarms for years.
 const LONGEST_PLAN: SignedDuration = SignedDuration::from_hours(24 * 366);
 
-/// Source of the numbers of entries of work.
+/// Source of the numbers of maintenance entries.
 const WORK_SOURCE: &str = "GET /v1/views/maintenance_log has the numbers in its column maintenance_id";
 
 /// Source of the numbers of quarantined runs.
@@ -169,7 +169,7 @@ pub async fn on_anomaly(
     anomaly(&shared, id).await
 }
 
-/// The anomaly as it stands.
+/// The anomaly in its current state.
 async fn anomaly(shared: &Shared, id: i64) -> Result<Json<Option<ViewRow>>, Refusal> {
     let wanted =
         ViewRows { filters: vec![("anomaly_id".into(), id.to_string())], limit: 1, ..ViewRows::default() };

@@ -1,4 +1,4 @@
-//! `GET /v1/events`: a page hears that the database has changed, and asks for what it shows.
+//! `GET /v1/events`: reports to a page that the database has changed, so that the page requests its content again.
 
 use std::convert::Infallible;
 use std::future::ready;
@@ -17,17 +17,17 @@ use tokio::time::{Instant, sleep_until};
 use crate::serve::answer::{Refusal, Refused};
 use crate::serve::shared::Shared;
 
-/// Time between two looks at the database: a page asks at most so often.
+/// Time between two checks of the database. A page requests its content at most this often.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Time after which a silent stream says that it lives.
+/// Time after which a silent stream sends a sign of life.
 const ALIVE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Asks nginx, and proxies that copy it, to pass each event on at once.
 const UNBUFFERED: (&str, &str) = ("x-accel-buffering", "no");
 
-/// How long a stream lasts; then its client asks for another one. Otherwise a client that reads nothing would hold a
-/// stream for days, because the few bytes of a quiet one fit into the buffers on the way.
+/// Duration of a stream. Its client then requests another one. Without this limit a client that reads nothing would
+/// hold a stream for days, because the few bytes of a quiet stream fit into the buffers on the way.
 const LONGEST_STREAM: Duration = Duration::from_secs(600);
 
 /// Hear of changes
@@ -47,7 +47,7 @@ pub async fn events(
     shared.access.check(&headers)?;
     shared.looking().await?;
     let (mut changes, stop) = (shared.changes.subscribe(), shared.stop.clone());
-    // what a page has asked for before may be older than the stream
+    // the page may have read its content before the stream began
     changes.mark_changed();
     let end = Instant::now() + LONGEST_STREAM;
     let stream = unfold((changes, stop, end), async |(mut changes, stop, end)| {
@@ -70,7 +70,7 @@ fn alive() -> Event {
     Event::default().event("alive").data("{}")
 }
 
-/// Looks whether the database has changed, while anybody listens, until the program stops.
+/// Checks for changes of the database while a client listens, until the program stops.
 pub async fn watch(shared: &Shared) {
     let mut seen = None;
     loop {

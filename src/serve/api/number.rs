@@ -6,10 +6,10 @@ use axum::http::StatusCode;
 
 use crate::serve::answer::Refusal;
 
-/// The number that stands in an address for `what`, such as a run.
+/// Parses the number of `what`, such as a run, from an address.
 ///
 /// # Errors
-/// 400 for a text that is no such number, with the view and column that have the numbers.
+/// 400 for any other text, with the view and column that contain the numbers.
 pub fn number<T: FromStr>(text: &str, what: &str, column: &str) -> Result<T, Refusal> {
     text.parse().map_err(|_| {
         let sentence = format!("{what} \"{}\" is no whole number from 1 on; {column}", text.escape_debug());

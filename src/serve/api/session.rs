@@ -1,4 +1,4 @@
-//! `GET /v1/session`: what the sender may do. It is answered without a token, so that a page can ask for one.
+//! `GET /v1/session`: the permissions of the sender. The answer needs no token, so that a page can ask for one.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -106,12 +106,12 @@ pub async fn log_out(
     Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, shared.access.log_out(is_secure(&headers)))]))
 }
 
-/// Returns true if the page came over TLS, according to its Origin, which a proxy passes on.
+/// Returns true if the page came over TLS according to its Origin, which a proxy forwards.
 fn is_secure(headers: &HeaderMap) -> bool {
     headers.get(ORIGIN).is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }
 
-/// Name of the database, without the folder or the server that it lies on.
+/// Name of the database without its folder or server.
 fn name(database: &Path) -> Option<String> {
     let shown = shown_database(database);
     let (path, _) = shown.split_once('?').unwrap_or((&shown, ""));

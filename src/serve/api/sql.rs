@@ -1,4 +1,4 @@
-//! `POST /v1/sql`: a question in SQL, over the public views and within limits.
+//! `POST /v1/sql`: a query in SQL over the public views, within limits.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +18,7 @@ use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_store::{ResultTable, SqlAnswer, SqlError, SqlLimits};
 
-/// Rows of an answer, where the question does not say.
+/// Rows of an answer if the query sets no limit.
 const USUAL_ROWS: usize = 1000;
 
 /// Most rows of an answer.
@@ -27,13 +27,13 @@ const MOST_ROWS: usize = 100_000;
 /// Most bytes of the values of an answer.
 const MOST_BYTES: usize = 16 << 20;
 
-/// How long a statement may take.
+/// Time limit of a statement.
 const TIME: Duration = Duration::from_secs(10);
 
-/// How long a question waits for others to end.
+/// Time for which a query waits for others to end.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Says in CSV, which has no place for it, whether there are more rows.
+/// Header that reports more rows than the limit, because CSV has no place for it.
 const TRUNCATED: HeaderName = HeaderName::from_static("x-truncated");
 
 /// A question in SQL.
@@ -102,7 +102,7 @@ pub async fn sql(
     };
     let limits = SqlLimits { rows, bytes: MOST_BYTES, time: TIME };
     let store = shared.looking().await?.clone();
-    // when the client goes away, this function is dropped in its middle
+    // this function is dropped early if the client disconnects
     let abandon = Abandon::default();
     let abandoned = Arc::clone(&abandon.0);
     let asked = tokio::task::spawn_blocking(move || {
@@ -123,7 +123,7 @@ pub async fn sql(
     Ok(Json(Answer { columns, rows, truncated }).into_response())
 }
 
-/// Ends a statement that nobody waits for.
+/// Stops a statement if no one waits for its answer.
 #[derive(Debug, Default)]
 struct Abandon(Arc<AtomicBool>);
 

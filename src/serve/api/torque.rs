@@ -18,13 +18,13 @@ use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_model::robot::JointKind;
 
-/// Rows of a joint, where the request does not say: more than the pixels of a plot.
+/// Rows per joint if the request sets no number: more than the pixels of a plot.
 const USUAL_POINTS: usize = 1200;
 
-/// How long a request waits until another cycle has been read.
+/// Time for which a request waits until another cycle has been read.
 pub(super) const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Significant digits of a figure that is drawn.
+/// Significant digits of a value in a plot.
 const DIGITS: i32 = 6;
 
 /// How much is asked for
@@ -158,8 +158,8 @@ pub async fn of_cycle(
     }))
 }
 
-/// Does `work` when it has a turn, in a task of its own that keeps the turn until it has ended: a request whose client
-/// goes away is dropped, and what it has begun to read is not. `None` if no turn came in time.
+/// Does `work` when a turn is free. Its own task holds the turn until the work ends, because the request is dropped if
+/// its client disconnects, but the reading continues. `None` if no turn became free in time.
 pub(super) async fn in_turn<T: Send + 'static>(
     turns: &Arc<Semaphore>,
     patience: Duration,
@@ -197,12 +197,12 @@ fn told(of: &JointTorque) -> JointTorqueRows {
     }
 }
 
-/// A figure with the digits that a plot shows; a time keeps its milliseconds.
+/// Rounds a value to the digits that a plot shows. Keeps at least three decimal places, for the milliseconds of times.
 fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
     }
-    // a whole number of places, small whatever the value
+    // a small integer for any finite value
     let places = DIGITS - 1 - value.abs().log10().floor() as i32;
     let scale = 10_f64.powi(places.max(3));
     (value * scale).round() / scale
@@ -242,7 +242,7 @@ mod tests {
             })
         };
         begun.await.expect("begun");
-        // the client goes away
+        // the client disconnects
         request.abort();
         assert!(request.await.is_err_and(|error| error.is_cancelled()));
         assert!(in_turn(&turns, SOON, async {}).await.is_none(), "two read at once");

@@ -65,7 +65,7 @@ fn the_total_is_that_of_the_first_request_that_says_it() {
     assert_eq!(begun(false, Some(10)), (None, Some(10), 1));
     assert_eq!(begun(false, Some(20)), (Some(10), Some(10), 1));
     assert_eq!(begun(true, Some(30)), (Some(10), Some(30), 1), "begun again");
-    // of a version that wrote the key alone
+    // written by a version that used only the key as the name
     fs::write(folder.path().join(PARTIAL).join(key("B.csv", None)), b"12").unwrap();
     let earlier = claim(&spool, "B.csv", CLIENT);
     assert_eq!((earlier.length().unwrap(), earlier.total()), (2, None));
