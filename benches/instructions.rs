@@ -1,9 +1,9 @@
-//! How many instructions the kernels of the analysis take, which other programs on the machine do not change.
+//! Counts the instructions of the kernels of the analysis. Other programs on the machine do not change the count.
 //!
-//! `cargo bench --bench instructions` runs each kernel under callgrind (`valgrind`) in a process of its own, once and
-//! three times, and prints half the difference, as the program was compiled for wide registers and for any processor.
-//! Counts of the last run are kept in the folder that this program lies in, and the change against them is printed. Without
-//! valgrind nothing is counted. The input is a small simulated export.
+//! `cargo bench --bench instructions` runs each kernel under callgrind (`valgrind`) in a separate process, once and
+//! three times, and prints half the difference: for wide registers, and for any processor. The counts of the last run
+//! are stored in the folder of this program, and the change since then is printed. Without valgrind nothing is counted.
+//! The input is a small simulated export.
 
 #![expect(
     clippy::expect_used,
@@ -35,7 +35,7 @@ use armwatch_model::robot::Robot;
 use armwatch_model::run::{Cycle, Samples};
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
-/// What is counted.
+/// Kernels that are counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kernel {
     Lines,
@@ -57,7 +57,7 @@ const KERNELS: [(Kernel, &str); 7] = [
     (Kernel::Analysis, "whole analysis"),
 ];
 
-/// Of a kernel that is done three times and once.
+/// Repetitions of a kernel in the two processes.
 const TIMES: [u32; 2] = [3, 1];
 
 fn main() -> ExitCode {
@@ -105,7 +105,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Instructions of a process that does a kernel so many times.
+/// Instructions of a process that runs a kernel `times` times.
 fn counted(name: &str, times: u32, form: &str, export: &Path) -> u64 {
     let program = std::env::current_exe().expect("a path");
     let mut command = Command::new("valgrind");
@@ -126,7 +126,7 @@ fn arm() -> FleetEntry {
     Config::shipped().expect("the shipped configuration").fleet.into_iter().next().expect("the shipped arm")
 }
 
-/// Does a kernel.
+/// Runs a kernel.
 fn work(kernel: Kernel, times: u32, export: &Path) {
     let arm = arm();
     let robot = Robot::clone(&arm.description);
@@ -178,7 +178,7 @@ fn again<T>(times: u32, mut work: impl FnMut() -> T) {
     });
 }
 
-/// Rows, a lane each; torque over inertia stands in for acceleration.
+/// States with one row per lane. Torque over inertia replaces the acceleration.
 fn states(samples: &Samples, n: usize) -> Vec<LaneStates> {
     let velocity = samples.velocity.as_ref().expect("velocities");
     let of_rows = |first: usize| {

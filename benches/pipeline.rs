@@ -1,8 +1,7 @@
-//! How long the parts of the pipeline take. Where another program's work is the measure, it stands
-//! in the same group on the same input: read the ratio, which holds from machine to machine, and not
-//! the time, which does not.
+//! Measures the time of the parts of the pipeline. If the work of another program is the reference, it is in the same
+//! group with the same input. Read the ratio of both, which is similar on all machines, not the time.
 //!
-//! | group | is | beside it |
+//! | group | is | compared with |
 //! |---|---|---|
 //! | `block` | one block of an export to channels in SI | polars alone on the same bytes |
 //! | `cycle` | one cycle: filter, identification, verification, friction | a QR of as many rows x 64 |
@@ -53,7 +52,7 @@ use armwatch_store::Store;
 /// Samples of the groups whose single measurement takes tens of milliseconds.
 const FEW_SAMPLES: usize = 20;
 
-/// States of the group `sample`: enough that no branch is predicted by heart.
+/// States of the group `sample`: enough that the processor cannot learn the branches.
 const STATES: usize = 1000;
 
 fn main() {
@@ -73,7 +72,7 @@ fn main() {
     criterion.final_summary();
 }
 
-/// One block of the cycle's export: by the product, which checks what it reads, and by polars alone.
+/// One block of the cycle's export: parsed and checked by the product, and parsed by polars alone.
 fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[RecordedRow]) {
     let text = export(rows, arm.description.joint_count());
     let path = Path::new("bench.csv");
@@ -91,7 +90,7 @@ fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[RecordedRow])
     let mut group = criterion.benchmark_group("block");
     group.throughput(Throughput::Bytes(block.bytes.len() as u64)).sample_size(FEW_SAMPLES);
     group.bench_function("armwatch", |b| b.iter(|| parser.read(black_box(&block), None, path)));
-    // 0 keeps the block whole, so that one thread parses it, as the product has it.
+    // With 0 the block stays whole, so that one thread parses it, as in the product.
     group.bench_function("polars on one thread", |b| {
         b.iter(|| polars_alone(black_box(&block), &schema, Some(0)));
     });
@@ -117,8 +116,8 @@ fn numbers_only(columns: usize) -> SchemaRef {
     Arc::new((0..columns).map(field).collect::<Schema>())
 }
 
-/// The whole analysis of a cycle, and the least that its identification could cost: a QR of as many
-/// rows as the identification used, with as many columns as there are parameters.
+/// The whole analysis of a cycle, and the least cost of its identification: a QR of as many rows as the identification
+/// used, with as many columns as there are parameters.
 fn analyse(criterion: &mut Criterion, method: &Method, cycle: &Cycle, analysis: &CycleAnalysis) {
     let identified = analysis.identification.as_ref().expect("parameters");
     let (rows, columns) = (identified.samples * method.robot.joint_count(), identified.parameters.len());
@@ -140,7 +139,7 @@ fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[RecordedRo
     let n = robot.joint_count();
     let links: Vec<StandardParameters> =
         robot.joints.iter().map(|joint| joint.nominal.expect("nominal parameters").inertial).collect();
-    // Torque over inertia stands in for acceleration: its cost does not depend on its value.
+    // Torque over inertia replaces the acceleration, because the cost does not depend on its value.
     let states: Vec<&RecordedRow> = rows.iter().step_by((rows.len() / STATES).max(1)).take(STATES).collect();
     let mut tau = vec![0.0; n];
     let mut y = Regressor::new(robot);
@@ -189,7 +188,7 @@ fn in_lanes(rows: &[&RecordedRow], n: usize) -> LaneStates {
     states
 }
 
-/// The passes over all rows of a cycle, one by one.
+/// The single passes over all rows of a cycle.
 fn kernels(criterion: &mut Criterion, method: &Method, samples: &Samples) {
     let cutoff = AnalysisSettings::default().cutoff;
     let filtered = filter_signals(samples, cutoff).expect("long enough");
@@ -223,7 +222,7 @@ fn store_cycle(criterion: &mut Criterion, robot: &Robot, analysis: &CycleAnalysi
         let run = store.begin_run(&run_header(robot)).await.expect("a run");
         (store, run.run_id)
     });
-    // Every cycle has a number of its own: one that is known is not written.
+    // Each cycle has a new number, because a known cycle is not written.
     let mut analysis = analysis.clone();
     analysis.cycle = 0;
 

@@ -1,8 +1,8 @@
-//! An arm with its bodies as a URDF file.
+//! Writes an arm with its bodies as a URDF file.
 //!
-//! The position of each joint in the file is the `q` of this program: offsets of Denavit-Hartenberg
-//! tables are in the joints' origins, and limits are limits of `q`. Link frames are the joints' own
-//! frames with the axis along z; those of an arm that came from a URDF file are that file's.
+//! The position of each joint in the file is the `q` of this program. Offsets of Denavit-Hartenberg tables are in the
+//! origins of the joints, and limits are limits of `q`. Link frames are the joints' own frames with the axis along z.
+//! An arm from a URDF file keeps the frames of that file.
 
 use std::fmt::Write;
 
@@ -15,12 +15,12 @@ use armwatch_model::robot::{
 };
 use armwatch_model::text;
 
-/// States inside the limits over which the largest torque of a joint is looked for.
+/// Number of states inside the limits that are searched for the largest torque of a joint.
 const EFFORT_STATES: usize = 256;
-/// Speeds of each direction through which the straight line of damping and friction is laid.
+/// Number of speeds per direction to which the line of damping and friction is fitted.
 const FRICTION_SPEEDS: usize = 50;
 
-/// Damping and friction of a joint in a simulator: the straight line that stands for its friction.
+/// Damping and friction of a joint in a simulator: a straight line that approximates its friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StraightFriction {
     /// Viscous friction, Nm s/rad (N s/m).
@@ -29,11 +29,11 @@ pub struct StraightFriction {
     pub friction: f64,
 }
 
-/// The URDF file of an arm: joints, bodies, friction as far as URDF can say it, transmissions, and
-/// `comments` at its head. Numbers have all their digits, so that reading the file gives the same arm.
+/// The URDF file of an arm: joints, bodies, friction as far as URDF can express it, transmissions, and `comments` at
+/// its head. Numbers have all their digits, so that reading the file gives the same arm.
 ///
-/// Links are `base_link`, `link_1`.. and `tool`, joints have their own names, or `joint_1`... What URDF
-/// cannot say stands in comments: gravity, rotor inertia, coupled motors, friction that is no straight
+/// Links are `base_link`, `link_1`.. and `tool`. Joints have their own names, or `joint_1`... Comments contain the
+/// properties that URDF cannot express: gravity, rotor inertia, coupled motors, and friction that is not a straight
 /// line.
 #[must_use]
 pub fn urdf_text(robot: &Robot, model: &DynamicModel, comments: &[String]) -> String {
@@ -62,11 +62,11 @@ pub fn urdf_text(robot: &Robot, model: &DynamicModel, comments: &[String]) -> St
     text
 }
 
-/// The straight line `friction sign(v) + damping v` nearest to a joint's friction at evenly spaced
-/// speeds up to its largest, both directions together; neither part is negative.
+/// The straight line `friction sign(v) + damping v` that is closest to a joint's friction at evenly spaced speeds up to
+/// its largest, for both directions together. Neither part is negative.
 ///
-/// Exact for Coulomb and viscous friction alike in both directions. An offset, the difference of
-/// directions and the bend of a curve have no place in URDF.
+/// The line is exact for Coulomb and viscous friction that is equal in both directions. URDF cannot express an offset,
+/// a difference between the directions, or the curvature of the friction.
 #[must_use]
 pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex) -> StraightFriction {
     let f = &model.friction[joint.index()];
@@ -87,13 +87,13 @@ pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex)
     }
 }
 
-/// The speeds of a direction at which a joint's friction is compared with a line, rad/s (m/s).
+/// Speeds of one direction at which the line is fitted to a joint's friction, rad/s (m/s).
 fn friction_speeds(robot: &Robot, joint: JointIndex) -> impl Iterator<Item = f64> {
     let limit = robot.joints[joint.index()].limits.velocity;
     (1..=FRICTION_SPEEDS).map(move |k| limit * k as f64 / FRICTION_SPEEDS as f64)
 }
 
-/// Names of the joints; numbered ones if the description's are not all there or not all different.
+/// Names of the joints. They are numbered if a name of the description is missing or occurs twice.
 fn joint_names(robot: &Robot) -> Vec<String> {
     let numbered = || robot.joint_indices().map(|j| format!("joint_{j}")).collect::<Vec<String>>();
     let given: Option<Vec<String>> = robot.joints.iter().map(|joint| joint.name.clone()).collect();
@@ -105,7 +105,7 @@ fn joint_names(robot: &Robot) -> Vec<String> {
     given.filter(different).unwrap_or_else(numbered)
 }
 
-/// Rotation of a joint's own frame, z along the axis, in the frame that is written for it.
+/// Rotation from a joint's own frame, with z along the axis, to the frame in the file.
 fn turn_to_own_frame(joint: &Joint) -> Transform {
     match joint.geometry.source() {
         GeometrySource::Urdf(_) => Transform::z_to(&written_axis(joint)),
@@ -123,7 +123,7 @@ fn written_axis(joint: &Joint) -> Vector3<f64> {
     }
 }
 
-/// What holds of the whole file and has no tag.
+/// Facts about the whole file for which URDF has no tag.
 fn notes(robot: &Robot) -> Vec<String> {
     let g = robot.gravity;
     let mut notes = vec![
@@ -283,8 +283,8 @@ fn listed(v: &Vector3<f64>) -> String {
 
 /// Roll, pitch and yaw of `Rz(yaw) Ry(pitch) Rx(roll)`, rad.
 ///
-/// Pitch and roll are read off after the yaw is taken out, so that a yaw of rounding, at a pitch of a
-/// right angle, is made up for by the roll.
+/// Pitch and roll are computed after the yaw is removed. At a pitch of a right angle, the roll thus compensates a yaw
+/// that comes from rounding.
 fn roll_pitch_yaw(r: &Matrix3<f64>) -> Vector3<f64> {
     let yaw = r.m21.atan2(r.m11);
     let (s, c) = yaw.sin_cos();
@@ -298,12 +298,12 @@ fn line(text: &mut String, content: &str) {
     let _ = writeln!(text, "{content}");
 }
 
-/// A name as an attribute. XML has no place for most hidden characters.
+/// A name as an attribute. XML does not allow most hidden characters.
 fn escaped(name: &str) -> String {
     text::xml(&text::distinct(name))
 }
 
-/// Text for a comment on one line, which two hyphens would end.
+/// Text for a comment on one line. Two hyphens would end the comment.
 fn for_comment(text: &str) -> String {
     text::shown(text).replace("--", "- -").replace("--", "- -").trim_end_matches('-').to_owned()
 }

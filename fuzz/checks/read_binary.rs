@@ -1,10 +1,11 @@
-//! Any bytes behind the first ones of a Parquet file, a bag, a scope export or the header of a trace are text or an error, in bounded time and memory.
+//! Checks that any bytes after the first ones of a Parquet file, a bag, a scope export or the header of a trace give
+//! text or an error, in bounded time and memory.
 
 use std::io::Read;
 
 use armwatch_ingest::bytes::source::open;
 
-/// Most bytes of text that are taken: a few bytes may stand for many equal rows.
+/// Largest number of bytes of text that is read, because a few bytes may encode many equal rows.
 const MOST_TEXT_BYTES: u64 = 4 << 20;
 
 /// Checks one input; a failure panics.

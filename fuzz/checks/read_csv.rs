@@ -1,7 +1,7 @@
-//! Any bytes are rows or a rejection, the same whatever the blocks; what the reader of blocks reads, the reader of cells
-//! reads with the same numbers.
+//! Checks that any bytes give rows or a rejection, independent of the size of the blocks, and that the reader of cells
+//! reads the same numbers as the reader of blocks.
 //!
-//! The first byte of an input chooses a layout and whether its header stands before the other bytes.
+//! The first byte of an input selects a layout, and whether the header of the layout precedes the other bytes.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -25,7 +25,7 @@ const COLUMNS: &str = "[position]\ncolumn = \"pos_{joint}\"\nunit = \"rad\"\n[to
      unit = \"Nm\"\n[stage]\ncolumn = \"stage\"\nbetween = [0]\nexcitation = [1]\nfriction = [2]\nwarming = [3]\n\
      [if_present]\ncycle = \"cycle\"\n";
 
-/// Delimiter, further keys, keys of time.
+/// Delimiter, other keys, and keys of time.
 const KINDS: [(char, &str, &str); 7] = [
     (',', "", "unit = \"s\""),
     (';', "decimal = \",\"", "unit = \"ms\""),
@@ -61,7 +61,7 @@ fn kinds() -> &'static (Robot, Vec<Kind>) {
     })
 }
 
-/// All rows before the end or the fault, and the fault.
+/// All rows before the end or the error, and the error.
 fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (RawSamples, Option<Rejection>) {
     let options = ReadOptions { block_bytes };
     let reader = match ExportReader::new(bytes, Path::new("fuzz.csv"), layout, robot, options) {
@@ -78,7 +78,7 @@ fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (Ra
     (rows, None)
 }
 
-/// One block by the reader of blocks and by the reader of cells.
+/// Checks that the reader of blocks and the reader of cells agree about one block.
 fn agree(bytes: &[u8], layout: &Layout, robot: &Robot) {
     let path = Path::new("fuzz.csv");
     let mut blocks = Blocks::new(bytes, 1 << 20, layout.text.encoding);

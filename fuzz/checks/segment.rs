@@ -1,6 +1,6 @@
-//! Any sequence of stages and counters is cut into the same cycles, whatever the pieces in which rows come.
+//! Checks that any sequence of stages and counters is cut into the same cycles, independent of the pieces of rows.
 //!
-//! Each byte of an input is a row: two bits of stage, one that turns the counter on, one that ends a piece.
+//! Each byte of an input is a row: two bits for the stage, two for the counter, one that ends a piece.
 
 use armwatch_method::segment::cycles::{CycleCutter, SegmentError};
 use armwatch_model::run::{Cycle, Samples, Stage};
@@ -53,7 +53,7 @@ pub fn run(data: &[u8]) {
     let samples = rows(bytes, choice & 1 == 1);
     let (whole, error) = cut(std::iter::once(samples.clone()));
     assert!(whole.iter().map(|cycle| cycle.samples.rows()).sum::<usize>() <= bytes.len());
-    // Counted cycles keep their counter, which may leave numbers out but gives none twice.
+    // Counted cycles keep their counter. It may skip numbers but repeats none.
     match choice & 1 {
         1 => assert!(whole.iter().is_sorted_by(|before, after| before.number < after.number)),
         _ => assert!(whole.iter().zip(1..).all(|(cycle, number)| cycle.number == number)),

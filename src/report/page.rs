@@ -99,7 +99,7 @@ impl Page {
 }
 
 impl Figure {
-    /// The picture as an HTML page that needs no other file. On narrow screens its panels are below each other.
+    /// The picture as a self-contained HTML page. On narrow screens its panels are below each other.
     #[must_use]
     pub fn html(&self) -> String {
         let mut body = format!("<header>\n<h1>{}</h1>\n</header>\n<main>\n", xml(&self.title));

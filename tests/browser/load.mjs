@@ -18,7 +18,7 @@ const names = Array.from({ length: Number(options.robots) }, (_, index) => `Stre
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 const quantile = (values, share) => values.length ? [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(share * values.length))] : NaN;
 
-// what the robots will write; they begin at different places of a cycle
+// exports that the robots will write; they begin at different positions of a cycle
 const inbox = join(folder, "inbox");
 mkdirSync(inbox);
 const exports_ = names.map((name, index) => {

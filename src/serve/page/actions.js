@@ -6,14 +6,14 @@ import { jointName, kindName } from "./status.js";
 
 const WORKS = [t`gearbox changed`, t`grease renewed`, t`brake changed`, t`motor changed`, t`torque sensor changed`, t`cables renewed`, t`tool or load changed`];
 
-/** Why this browser may not change anything, with the remedy; null where it may. */
+/** The reason why this browser may not change anything, with the remedy; null if it may. */
 export function whyNot() {
   if (!rights || rights.act) return null;
   if (!rights.needsToken) return h("p", { class: "muted" }, t`You can only look: the daemon has no token. The operator sets one with serve.token_file.`);
   return h("p", { class: "muted" }, t`You can only look.`, " ", h("button", { type: "button", class: "quiet", "data-key": "log-in", onclick: () => logIn() }, t`Log in to act`));
 }
 
-/** A button of an action: disabled where this browser may only look. */
+/** A button of an action: disabled if this browser may only read. */
 function act(props, text) {
   return h("button", { type: "button", ...props, disabled: rights !== null && !rights.act }, text);
 }
@@ -52,7 +52,7 @@ export function editButton(work, joints, done) {
     const fields = maintenanceFields(joints, work.joint, true).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
     if (!await ask({
       title: t`Edit the entry: ${work.what}`, fields, submit: t`Save`,
-      // A time that was not touched keeps its seconds.
+      // An unchanged time keeps its seconds.
       onsubmit: (values) => put(`v1/maintenance/${work.maintenance_id}`, {
         who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null,
         at: values.at === local(new Date(work.at)) ? work.at : utc(values.at),
@@ -112,7 +112,7 @@ export function commentForm(anomaly, done) {
   return node;
 }
 
-/** A button that puts an alarm into the hands of a person. */
+/** A button that assigns an alarm to a person. */
 export function assignButton(anomaly, people, done) {
   return act({ "data-key": "assign", onclick: async () => {
     if (!await ask({
@@ -242,7 +242,7 @@ export function dismissButton(fault, done) {
   } }, t`Dismiss`);
 }
 
-/** A button that asks for another attempt of an export in quarantine. */
+/** A button that has an export in quarantine read again. */
 export function retryButton(fault, done) {
   const button = act({ "data-key": `retry/${fault.fault_id}`, "aria-label": t`Retry ${fault.source_name}`, onclick: async () => {
     button.disabled = true;

@@ -14,7 +14,7 @@ const SEVERITIES = ["critical", "warning", "info"];
 const PERIODS = [["", t`any time`], ["1", t`the last day`], ["7", t`the last 7 days`], ["30", t`the last 30 days`], ["365", t`the last year`]];
 const TODO = "todo";
 
-/** All alarms of the fleet, settled ones too, with filters that stay in the address. */
+/** All alarms of the fleet, closed ones too, with filters that stay in the address. */
 export function mount({ main, query, choose, title }) {
   title(t`Alarms`);
   const wanted = {};

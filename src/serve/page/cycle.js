@@ -11,7 +11,7 @@ const at = (value) => `${fixed(value, 2)} s`;
 
 export const cycleLink = (run, cycle, joint) => `#/cycle/${run}/${cycle}${joint ? `?joint=${joint}` : ""}`;
 
-/** Torques of one cycle: measured and estimated, their difference on a strip of its own, and velocity. */
+/** Torques of one cycle: measured and estimated, their difference in a separate strip, and velocity. */
 export function mount({ main, argument, query, choose, title }) {
   const [run, cycle] = argument.split("/").map(Number);
   let joint = Number(query.get("joint")) || 1;

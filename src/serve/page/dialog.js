@@ -23,7 +23,7 @@ function field(one) {
     input, hint);
 }
 
-/** A form that stays as it is while its work runs, and that shows the server's sentence if the work fails. */
+/** A form that stays unchanged while its work runs, and shows the server's sentence if the work fails. */
 export function form({ fields, submit, onsubmit, cancel }) {
   const problem = h("p", { class: "problem", role: "alert", hidden: true });
   const send = h("button", { class: "primary", type: "submit" }, submit);
@@ -50,13 +50,13 @@ export function form({ fields, submit, onsubmit, cancel }) {
 
 export const whoField = () => ({ name: "who", label: t`Your name`, required: true, value: remembered("who"), autocomplete: "name" });
 
-/** Opens a dialog with a form; gives true when its work is done. */
+/** Opens a dialog with a form; returns true when its work is done. */
 export function ask({ title, intro, ...rest }) {
   return new Promise((resolve) => {
     let done = false;
     const heading = `d${++number}`;
     const close = () => dialog.close();
-    // "Back" closes a dialog, so that it never lies over another page.
+    // "Back" closes a dialog, so that it never covers another page.
     history.pushState({ ...history.state, dialog: true }, "");
     addEventListener("popstate", close);
     const dialog = h("dialog", { "aria-labelledby": heading, onclose: () => {
@@ -74,7 +74,7 @@ export function ask({ title, intro, ...rest }) {
   });
 }
 
-/** Asks for a token; `use` tries it. Gives true when it was accepted. */
+/** Asks for a token, and `use` tests it. Returns true when it was accepted. */
 export const askToken = (use) => ask({
   title: t`Log in`,
   intro: t`Enter the token that the operator of armwatch gave you. On the daemon's machine, it is in the file that serve.token_file names.`,

@@ -11,7 +11,7 @@ export function bounds(row) {
   return half === null ? [null, null] : [row.friction_index - half, row.friction_index + half];
 }
 
-/** The range that holds all these indices and limits with their intervals. */
+/** The range that contains all these indices with their intervals, and the limits. */
 export function commonRange(rows, limits = []) {
   let low = 0.97;
   let high = 1.03;
@@ -26,7 +26,7 @@ export function commonRange(rows, limits = []) {
   return [low - gap, high + gap];
 }
 
-/** Limits of the index, as far as the daemon tells them: of the fleet, else of an alarm of this joint. */
+/** Limits of the index, if the daemon reports them: of the fleet, otherwise of an alarm of this joint. */
 export function limitsOf(fleet, anomalies, joint) {
   const told = fleet?.limits;
   const lines = [];
@@ -39,7 +39,7 @@ export function limitsOf(fleet, anomalies, joint) {
   return lines;
 }
 
-/** Onsets of alarms and maintenance that concern a joint, as marks over time. */
+/** Onsets of alarms and times of maintenance that concern a joint, as marks over time. */
 export function marksOf(anomalies, works, joint) {
   const concerns = (one) => one.joint === null || one.joint === joint;
   return [

@@ -3,11 +3,11 @@ import { announce } from "./dom.js";
 import { span } from "./format.js";
 import { t } from "./messages.js";
 
-// The server says "alive" at once and then every 10 s. After three of them the connection counts as lost: a proxy that
-// buffers answers passes on nothing, not even the status.
+// The server sends "alive" at once and then every 10 s. After three missing ones the connection counts as lost: a proxy
+// that buffers answers forwards nothing, not even the status.
 const SILENCE_MS = 30_000;
 const PAUSE_MS = 1000;
-// Without the stream, the page asks by itself.
+// Interval of the page's own requests while there is no stream.
 const POLL_MS = 10_000;
 
 /** Follows the daemon's events, and calls `changed` at most once a second and never twice at a time. */
@@ -88,7 +88,7 @@ export function follow({ changed, note }) {
         text = blocks.pop();
         for (const block of blocks) take(block);
       }
-      // The daemon ends a long stream in good order: the next one follows without a word.
+      // The daemon ends a long stream regularly. The next one follows without a message.
       if (own === stream && Date.now() - opened > SILENCE_MS) {
         connect();
         return;
@@ -118,7 +118,7 @@ export function follow({ changed, note }) {
       run();
     }
   }, 1000);
-  // A hidden tab would hold one of the few connections that a browser opens to a host.
+  // A hidden tab would occupy one of the few connections that a browser opens to a host.
   document.addEventListener("visibilitychange", () => {
     if (document.hidden) pause();
     else if (stream === null) {

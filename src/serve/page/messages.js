@@ -1,13 +1,13 @@
-/** Languages of the pages, as they call themselves. English is the text in the code; the others come from the table. */
+/** Languages of the pages with their own names. English is the text in the code; the table contains the others. */
 export const LANGUAGES = { en: "English", it: "Italiano", de: "Deutsch", zh: "中文" };
 
-// early.js has chosen it.
+// early.js has selected it.
 export const language = document.documentElement.lang;
 const table = language === "en" ? {} : (await import(`./messages-${language}.js`)).default;
 
 /**
- * A message in the language of the page: t`Run ${id} of ${robot}`, or t(text) for text that comes from elsewhere. Gives
- * text, or parts for `h` where a value is a node.
+ * A message in the language of the page: t`Run ${id} of ${robot}`, or t(text) for text from another place. Returns
+ * text, or parts for `h` if a value is a node.
  */
 export function t(parts, ...values) {
   if (typeof parts === "string") return table[parts] ?? values[0] ?? parts;

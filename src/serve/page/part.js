@@ -18,8 +18,8 @@ export function empty(...children) {
 }
 
 /**
- * A part of a page with data of its own. It draws again only when its data have changed, so that focus, open menus and
- * scroll positions stay. `draw` gives the content, and puts what must be destroyed into `owned`.
+ * A part of a page with separate data. It is drawn again only if its data have changed, so that focus, open menus and
+ * scroll positions stay. `draw` returns the content, and adds to `owned` the objects that must be destroyed.
  */
 export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, level = 2, className = "" }) {
   const id = `p${++number}`;
@@ -62,7 +62,7 @@ export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, 
       show(draw(data, fresh), fresh);
     } catch (error) {
       if (gone || error.name === "AbortError") return;
-      // Data that are shown stay: the note beside the page's name says how old they are.
+      // Shown data stay: the note next to the page's name gives their age.
       if (seen !== null && error.status === 0) throw error;
       seen = null;
       show(failed(error, () => refresh(true)), []);
@@ -83,7 +83,7 @@ export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, 
   return {
     element,
     refresh,
-    /** After another choice: what is shown no longer holds. */
+    /** Loads again after another choice, because the shown content is no longer valid. */
     again() {
       seen = null;
       return refresh(true).catch(() => {});

@@ -20,7 +20,7 @@ const RAMP = ["--r0", "--r1", "--r2", "--r3"];
 const FONT = "12px system-ui, -apple-system, sans-serif";
 const TABLE_ROWS = 400;
 
-/** A colour between cold (0) and hot (1). It is looked up at each drawing, since the theme may change. */
+/** A colour between cold (0) and hot (1). It is read at each drawing, because the theme may change. */
 export function ramp(share) {
   return () => {
     const stops = RAMP.map((one) => css(one).match(/[0-9a-f]{2}/gi).map((two) => parseInt(two, 16)));
@@ -32,7 +32,7 @@ export function ramp(share) {
 
 const paint = (color) => (typeof color === "function" ? color() : css(color ?? "--plot"));
 
-/** Series with their own x on one common, rising x. */
+/** Maps series with different x to one common, ascending x. */
 function joined(series) {
   const all = new Float64Array(series.reduce((sum, one) => sum + one.x.length, 0));
   let next = 0;
@@ -69,7 +69,7 @@ function extent(spec) {
   return [spec.zero && low === 0 ? 0 : low - gap, high + gap];
 }
 
-/** Marks of a logarithmic axis: 1, 2, 5 of each decade, or more where the range is small. */
+/** Marks of a logarithmic axis: 1, 2, 5 of each decade, or more if the range is small. */
 function logTicks(low, high) {
   const steps = Math.log10(high / low) < 1 ? [1, 1.5, 2, 3, 4, 5, 6, 8] : [1, 2, 5];
   const found = [];
@@ -96,7 +96,7 @@ export function legend(entries) {
     one.ramp ? h("span", { class: "ramp" }) : line(one), one.label))) : null;
 }
 
-/** The plot's figures as a table, for readers who do not see it, built when it is opened. */
+/** The plot's values as a table, for readers who cannot see the plot. It is built when it is opened. */
 function figures(spec) {
   const box = h("div");
   const shown = spec.series.filter((one) => !one.derived);
@@ -117,7 +117,7 @@ function figures(spec) {
 
 /**
  * A plot: series [{label, x, y, low, high, color, dash, width, points, line, band, bars, muted}], limits [{value, label}],
- * marks [{x, label, color, dash}]. `owned` takes what must be destroyed with the part of the page.
+ * marks [{x, label, color, dash}]. `owned` receives the objects that must be destroyed with the part of the page.
  */
 export function plot(given, owned) {
   const spec = { height: 200, format: (value) => digits(value), ...given };
@@ -204,7 +204,7 @@ export function plot(given, owned) {
       tip.hidden = true;
       return;
     }
-    // Of each series the value nearest to the cursor, if it is near enough to be meant.
+    // The value of each series that is nearest to the cursor, unless it is too far away.
     const near = [];
     spec.series.forEach((one, index) => {
       if (one.derived) return;
@@ -263,7 +263,7 @@ export function plot(given, owned) {
     }, data, box);
   }
 
-  // The browser tells the width before it paints, so the first picture has the right size.
+  // The browser reports the width before it paints, so that the first picture has the right size.
   const watcher = new ResizeObserver(() => {
     if (gone || !box.clientWidth) return;
     if (chart) {
@@ -296,7 +296,7 @@ export function plot(given, owned) {
 }
 
 const month = new Intl.DateTimeFormat(language, { month: "short" });
-// Axes of less than this show the time of day, others days: a day is named once.
+// Shorter axes show the time of day, longer ones show each day once.
 const SHORT_S = 2 * 86400;
 const MINUTES = [1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720].map((minutes) => 60 * minutes);
 const DAYS = [1, 2, 3, 5, 7, 10, 15, 30, 60, 90, 180, 365, 730, 1825].map((days) => 86400 * days);

@@ -9,7 +9,7 @@ import { JOINT_COLORS, JOINT_DASHES, plot } from "./plot.js";
 import { badge, statusName } from "./status.js";
 import { runStatus } from "./robot.js";
 
-// Longer tables scroll inside their frame.
+// Tables with more rows scroll inside their frame.
 const ROWS_SHOWN = 80;
 const STAGES = [["excitation", t`Excitation`], ["friction", t`Friction`], ["warming", t`Warming`], ["all", t`Whole cycle`]];
 
@@ -18,10 +18,10 @@ function fact(name, value, more) {
 }
 
 const sentences = (one) => [one.reason, one.remarks].filter(Boolean).flatMap((text) => text.split("\n"));
-// What is said of several cycles differs in its figures at most.
+// Equal remarks on several cycles differ only in their numbers.
 const plain = (text) => text.replace(/[\d.]+/g, "#");
 
-/** What is said of every cycle, once. */
+/** Remarks that all cycles share, once each. */
 function saidOfAll(rows) {
   if (rows.length < 2) return [];
   const others = rows.slice(1).map((one) => new Set(sentences(one).map(plain)));

@@ -4,7 +4,7 @@ import { isNumber } from "./format.js";
 const WIDTH = 100;
 const HEIGHT = 24;
 
-/** One scale for all joints, so that a flat curve means no change; the far ones are cut off. */
+/** One scale for all joints, so that a flat curve means no change. Outliers are cut off. */
 export function sparkRange(robots) {
   let low = 0.95;
   let high = 1.1;
@@ -20,7 +20,7 @@ export function sparkRange(robots) {
   return [Math.max(low, 0.7), Math.min(high, 1.5)];
 }
 
-/** A small curve of the latest tests about the line of no change. */
+/** A small curve of the latest tests around the line of no change. */
 export function spark(history, [low, high]) {
   const values = history ?? [];
   const y = (value) => (HEIGHT - 2 - (Math.min(high, Math.max(low, value)) - low) / (high - low) * (HEIGHT - 4)).toFixed(1);

@@ -21,7 +21,7 @@ export const rank = (status) => {
 };
 export const known = (status) => (STATUSES.includes(status) || status === "info" ? status : "unknown");
 export const kindName = (kind) => (KINDS[kind] ? t(KINDS[kind].label) : kind ?? t`Anomaly`);
-/** A kind in one word, where there is little space. */
+/** A kind in one word, for narrow places. */
 export const kindWord = (kind) => ({ thermal: t`warm-up`, step: t`friction`, drift: t`friction`, fleet: t`unlike others`, oscillation: t`oscillation`, sensor: t`sensor`, accuracy: t`accuracy`, payload: t`payload` }[kind] ?? kind);
 export const stateName = (state) => STATES[state] ?? state ?? "";
 export const jointName = (joint) => (joint === null || joint === undefined ? t`whole arm` : t`joint ${joint}`);
@@ -33,7 +33,7 @@ const WORDS = {
 /** A status or severity as a word. */
 export const statusName = (status) => WORDS[status] ?? status ?? WORDS.unknown;
 export const severityName = statusName;
-/** Status as an icon of its own shape and a word. */
+/** A status as an icon with a distinct shape and a word. */
 export function badge(status, word = statusName(status)) {
   return h("span", { class: `badge s-${known(status)}` }, icon(known(status)), h("span", null, word));
 }
