@@ -82,7 +82,7 @@ impl Refusal {
         Self { status, sentence: sentence.into(), offset: None, retry_after: None }
     }
 
-    /// Adds the byte at which the upload continues.
+    /// Adds the offset from where the upload continues.
     #[must_use]
     pub fn at(mut self, offset: u64) -> Self {
         self.offset = Some(offset);

@@ -12,7 +12,7 @@ const BURST_S: f64 = 4.0;
 /// Least number of requests that may arrive at once, even at a low rate.
 const LEAST_BURST: f64 = 20.0;
 
-/// Number of networks in memory above which silent ones are forgotten.
+/// Number of remembered networks. Above it, silent ones are forgotten.
 const REMEMBERED: usize = 4096;
 
 /// Requests by network.

@@ -20,11 +20,11 @@ const PIECES_IN_FLIGHT: usize = 2;
 /// Bytes that a client must send within the idle time. A client that sends fewer counts as idle.
 const LEAST_BYTES: u64 = 16 << 10;
 
-/// Average speed that a client must reach from the second minute on, bytes per second: that of a slow line of 64
-/// kbit/s. Each upload thus ends after a bounded time, and slow clients cannot occupy all places.
+/// Average speed that a client must reach from the second minute on, bytes per second: that of a slow line of
+/// 64 kbit/s. Each upload thus ends after a bounded time, and slow clients cannot occupy all places.
 const LEAST_RATE: u64 = 8 << 10;
 
-/// Time for which an upload may be slower than [`LEAST_RATE`].
+/// Time limit of an upload that is slower than [`LEAST_RATE`].
 pub const SLOW_START: Duration = Duration::from_secs(60);
 
 /// Limits of one body.
@@ -32,9 +32,9 @@ pub const SLOW_START: Duration = Duration::from_secs(60);
 pub struct BodyBounds {
     /// Most bytes.
     pub bytes: u64,
-    /// Time for which a client may send almost nothing.
+    /// Time limit of a client that sends almost nothing.
     pub idle: Duration,
-    /// Time for which it may be slower than [`LEAST_RATE`].
+    /// Time limit of a client that is slower than [`LEAST_RATE`].
     pub slow_start: Duration,
     /// Time after which an upload ends at any speed.
     pub total: Duration,

@@ -52,11 +52,11 @@ pub struct Spool {
     /// Most uploads of one client that are written at once.
     most_of_one: usize,
     probes: Arc<AtomicU64>,
-    /// State of the unfinished uploads since their latest change.
+    /// State of each unfinished upload at its latest known change, by path.
     standing: Arc<Mutex<HashMap<PathBuf, UploadAge>>>,
 }
 
-/// Length and modification time of an upload, and the time since which both are unchanged.
+/// Length and modification time of an upload, and the instant of their latest change.
 type UploadAge = (u64, SystemTime, Instant);
 
 /// An unfinished upload. Its file is named `KEY.TOTAL.CLIENT`, so that total and client survive a restart. Earlier
@@ -233,7 +233,7 @@ impl Spool {
         }
     }
 
-    /// Gives a finished upload its name and replaces a file with this name. The result is durable when this returns.
+    /// Gives a finished upload its name and replaces a file that has it. The result is durable when this returns.
     ///
     /// # Errors
     /// Those of the file system. Nothing is lost then.
@@ -266,8 +266,8 @@ impl Spool {
         Ok(removed)
     }
 
-    /// Deletes idle uploads until `client` may start another one: the oldest of its own if it exceeds its share,
-    /// otherwise those of the client with most uploads.
+    /// Deletes idle uploads until `client` may start another one: its own oldest if it has used up its share, otherwise
+    /// the oldest of the client with most uploads.
     fn make_room(&self, client: &str) -> io::Result<()> {
         loop {
             let mut partials = self.partials()?;

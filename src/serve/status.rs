@@ -208,7 +208,7 @@ pub async fn health() -> Json<Health> {
 /// Time limit for a check of database or spool. After it, the disk counts as not answering.
 const LOOKS_WITHIN: Duration = Duration::from_secs(3);
 
-/// Time for which an answer to [`ready`] is reused. Requests need no token, so that frequent ones must cost little.
+/// Lifetime of an answer to [`ready`]. Requests need no token, so frequent ones must cost little.
 const READY_HOLDS: Duration = Duration::from_secs(1);
 
 /// Whether the daemon can work

@@ -48,7 +48,7 @@ const MEDIA_TYPES: [&str; 9] = [
     "application/x-www-form-urlencoded",
 ];
 
-/// Query of an upload. With `?supersede=true` the content may replace another one under the same name.
+/// Query of an upload: `?supersede=true` lets the content replace another one under the same name.
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize)]
 pub struct Wishes {
     #[serde(default)]

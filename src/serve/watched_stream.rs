@@ -11,11 +11,12 @@ use tokio::time::{Instant, Sleep, sleep_until};
 
 use super::connections::ConnectionPhase;
 
-/// Time for which a client may read nothing of an answer.
+/// Longest pause of a client that reads an answer.
 pub(super) const WRITE_STALL: Duration = Duration::from_secs(30);
 
-/// Speed at which a client must read on average, bytes per second. A slower one uses up [`WRITE_STALL`]. A line of
-/// 9.6 kbit/s passes. Without this limit, a client that reads a little now and then would hold an answer for ever.
+/// Average speed that a client must read with, bytes per second. A slower client uses up [`WRITE_STALL`]. A line of
+/// 9.6 kbit/s is fast enough. Without this limit, a client that reads a little now and then would hold an answer
+/// for ever.
 const LEAST_RATE: f64 = 1024.0;
 
 /// A stream that fails if its client reads its answers too slowly, and that notes its progress. Limits for
@@ -25,7 +26,7 @@ pub(super) struct WatchedStream<S> {
     stream: S,
     progress: Arc<ConnectionPhase>,
     stall: Duration,
-    /// Remaining time for which the stream waits for its client.
+    /// Remaining time to wait for the client.
     patience: Duration,
     /// Start of the current wait.
     blocked: Option<Instant>,

@@ -1,10 +1,9 @@
--- A synthetic history for measuring the time of queries on a long one. It has `:robots` robots with `:cycles` cycles of
--- six joints per test and one test per day from 2020 on. There are `:runs` tests of all robots, and their files are in
--- the folder `:inbox`. Values are close to each other and have no meaning. One execution inserts the tests from
--- `:first` to before `:last`, counted from 0 over all robots, day by day. After each test there are `:logs` production
--- logs of one window. The keys of their runs and cycles follow those of all `:runs` tests. `:evidence` is the stored
--- evidence of such a log about the torque. If there are logs, cycles of tests have factors for 120 days and windows for
--- 7 days, as far as queries check that factors exist.
+-- A history that nobody recorded, for measurements of the time that questions about a long one take: `:robots` robots of
+-- `:runs` tests each with `:cycles` cycles and six joints, one test a day from 2020 on, their files in the folder `:inbox`.
+-- Figures are near one another and stand for nothing. Of the tests, counted from 0 over all robots, day by day, those from
+-- `:first` to before `:last`. Behind each test are `:logs` logs of ordinary work of a window each, the keys of whose runs
+-- and cycles follow those of all `:runs` tests; `:evidence` is what such a log leaves of the torque, as it is stored. Where there are logs,
+-- cycles of tests have factors for 120 days and windows for 7, as far as questions ask whether there are some.
 CREATE TEMP TABLE size (robots INTEGER, cycles INTEGER, joints INTEGER);
 INSERT INTO size VALUES (:robots, :cycles, 6);
 CREATE TEMP TABLE of_run (run_id INTEGER PRIMARY KEY, robot INTEGER, at INTEGER);

@@ -30,7 +30,7 @@ const MOST_BYTES: usize = 16 << 20;
 /// Time limit of a statement.
 const TIME: Duration = Duration::from_secs(10);
 
-/// Time for which a query waits for others to end.
+/// Longest wait of a query for others to end.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Header that reports more rows than the limit, because CSV has no place for it.

@@ -21,7 +21,7 @@ use armwatch_model::robot::JointKind;
 /// Rows per joint if the request sets no number: more than the pixels of a plot.
 const USUAL_POINTS: usize = 1200;
 
-/// Time for which a request waits until another cycle has been read.
+/// Longest wait of a request until another cycle has been read.
 pub(super) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Significant digits of a value in a plot.
