@@ -11,7 +11,7 @@ use crate::support::{REFERENCE_NAME, Workshop, example_questions, text};
 /// Values that SQL and the program compute from the same stored numbers differ by rounding only.
 const ROUNDING: f64 = 1e-9;
 
-fn repository(path: &str) -> PathBuf {
+pub fn repository(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
@@ -300,7 +300,7 @@ fn every_example_question_is_answered() {
 }
 
 /// Files below a folder of the repository with one of these endings.
-fn files_below(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
+pub fn files_below(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut folders = vec![repository(folder)];
     while let Some(folder) = folders.pop() {

@@ -90,5 +90,6 @@ mod retention;
 mod report;
 mod api;
 mod api_description;
+mod wording;
 mod sound_recordings;
 mod wrong_recordings;
