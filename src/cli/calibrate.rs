@@ -13,18 +13,19 @@ use armwatch_store::Store;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Prints, for each robot and joint, from which change on its level of friction is an alarm: as many standard deviations of
-the smoothed change as the rate `false_alarms_per_robot_year` of the configuration gives, and the same in per cent of
-friction, at least `drift_warning_fraction`. The delay is the expected number of tests until an alarm of a step by 5, 10
-and 15 %, the test with the step included. Nothing is changed; docs/evidence/detection.md says what is guaranteed in which
-phase.
+For each robot and joint, the command prints the smallest change in friction level that causes an alarm. The limit
+is a multiple of the standard deviation of the smoothed change; `false_alarms_per_robot_year` in the configuration
+determines the multiple. The command also prints the limit in percent of friction; it is at least
+`drift_warning_fraction`. The delay is the expected number of tests until an alarm after a step of 5, 10 and 15 %,
+including the test with the step. The command changes nothing; docs/evidence/detection.md has the guarantees of
+each phase.
 
 Examples:
   armwatch calibrate
   armwatch calibrate Left
   armwatch calibrate Left --json")]
 pub(super) struct CalibrateArgs {
-    /// The robot [default: all]
+    /// Robot [default: all]
     #[arg(value_name = "ROBOT")]
     robot: Option<String>,
 }

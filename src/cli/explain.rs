@@ -37,15 +37,15 @@ Examples:
   armwatch explain inbox/*.csv --json | \\
       jq 'select(.next != \"nothing\") | .problems'
 
-Says of each export whose it is and why, how its columns are read, which stages and cycles it has, what the
-analysis has to say of it, whether its content is stored already, and what `armwatch run` would do with it. It is
-read and analysed exactly as `armwatch ingest` does; nothing is written, and the database is only looked at.
-Exit status 1 if an export would be quarantined.")]
+For each export, the command prints the robot and how it was recognised, the reading of the columns, the stages
+and cycles, and the findings of the analysis. It also prints if the content is already stored, and the action that
+`armwatch run` would take. It reads and analyses the export exactly as `armwatch ingest` does, but writes nothing
+and only reads the database. Exit status 1 if an export would be quarantined.")]
 pub(super) struct ExplainArgs {
     /// Exports
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Read and cut only; leave out the analysis of the cycles
+    /// Read the export and find its cycles, but do not analyse them
     #[arg(long)]
     quick: bool,
 }

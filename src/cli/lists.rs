@@ -30,18 +30,18 @@ Examples:
   armwatch runs --status quarantined
   armwatch runs --kind production --csv
 
-The newest run comes first. The number in the first column is what --run of other commands takes.")]
+The first column has the number of the run. Other commands accept this number with --run.")]
 pub(super) struct RunsArgs {
-    /// Only runs of this robot
+    /// Show only runs of this robot
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
-    /// Only runs with this status
+    /// Show only runs with this status
     #[arg(long, value_name = "STATUS", value_parser = PossibleValuesParser::new(RunStatus::ALL.map(RunStatus::name)))]
     status: Option<String>,
-    /// Only tests, or only logs of ordinary work
+    /// Show only tests, or only production logs
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new([RunKind::Test, RunKind::Production].map(RunKind::name)))]
     kind: Option<String>,
-    /// So many at most
+    /// Show at most this many
     #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,
     #[command(flatten)]
@@ -55,16 +55,16 @@ Examples:
   armwatch cycles --robot R07 --status refused
   armwatch cycles --run 12 --json | jq .residual_std_nm")]
 pub(super) struct CyclesArgs {
-    /// Only cycles of this run
+    /// Show only cycles of this run
     #[arg(long, value_name = "RUN_ID", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..))]
     run: Option<i64>,
-    /// Only cycles of this robot
+    /// Show only cycles of this robot
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
-    /// Only cycles with this status
+    /// Show only cycles with this status
     #[arg(long, value_name = "STATUS", value_parser = ["complete", "doubtful", "refused"])]
     status: Option<String>,
-    /// So many at most, the newest
+    /// Show at most this many, the newest
     #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,
     #[command(flatten)]

@@ -24,20 +24,20 @@ Examples:
   armwatch prune
   armwatch prune --older-than 30 --json
 
-Results are kept for ever: parameters, friction, checks of ordinary work, alarms. What goes are factors of cycles, which
-only `identify`, `verify` and a changed estimator need; [retention] in the configuration says after how many days. Those
-of tests are removed. Those of ordinary work are joined, so that a whole log can still be verified against. Never
-touched are runs that are being read, robots of which conclusions are still to be drawn, a robot's last eight tests, and
-the tests of its baselines.
+Results stay for ever: parameters, friction, checks of production, alarms. The command deletes factors of cycles,
+which only `identify`, `verify` and a changed estimator need; [retention] in the configuration has the number of
+days. It deletes the factors of tests. It joins the factors of production logs, so that `verify` still works on a
+whole log. It never changes runs that are being read, robots with pending conclusions, a robot's last eight tests,
+and the tests of its baselines.
 
-The age of a run counts from its last cycle, or from when it was stored if that was later. The daemon does the same
-once a day and may run meanwhile. Ended at any moment, the command leaves a whole database and goes on the next time.
-Free room is given back to the file system where the database can do that, see docs/operations.md.")]
+The age of a run counts from its last cycle, or from the time it was stored if that was later. The daemon prunes
+once a day and may run meanwhile. If the command is stopped at any moment, the database stays intact and the next
+call continues. Free space returns to the file system if the database supports this: see docs/operations.md.")]
 pub(super) struct PruneArgs {
-    /// Only show what would go; nothing is changed
+    /// Show the factors to delete, but change nothing
     #[arg(long)]
     dry_run: bool,
-    /// Days that factors are kept, in place of those of the configuration, for tests and ordinary work
+    /// Days to keep factors of tests and production, instead of the configured ones
     #[arg(long, value_name = "DAYS", value_parser = days)]
     older_than: Option<f64>,
 }

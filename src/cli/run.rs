@@ -32,18 +32,18 @@ Examples:
   armwatch run --config /etc/armwatch/armwatch.toml --log-format json
   armwatch run --db postgres://armwatch@db.plant/fleet --host line1
 
-Watches the folders of the configuration, takes exports cycle by cycle while they are written and others
-when they have settled, and keeps going until SIGTERM or SIGINT; then it finishes the cycles in hand and
-stops. Killed at any moment, it continues after the last stored cycle. SIGHUP reads the configuration again;
-one with problems is logged, and the earlier one stays. With [serve] in the configuration
-it takes exports over HTTP too, see docs/api.md:
+The daemon watches the folders of the configuration. It reads exports cycle by cycle while they are written, and
+others after they have settled. It continues until SIGTERM or SIGINT, then finishes the current cycles and stops.
+After a kill at any moment, the next start continues after the last stored cycle. SIGHUP reads the configuration
+again; if it has problems, the daemon logs them and keeps the earlier one. [serve] in the configuration adds
+uploads over HTTP, see docs/api.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
        http://127.0.0.1:8650/v1/exports/
 
-Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/operations.md."
+Several daemons, each with its own name, can share a database on a PostgreSQL server: see docs/operations.md."
 )]
 pub(super) struct RunArgs {
-    /// Name of this daemon among several on a database of a server, instead of the configuration's
+    /// Name of this daemon if several share a database on a server, instead of the configured name
     #[arg(long, value_name = "NAME", value_parser = host_name)]
     host: Option<String>,
     #[command(subcommand)]
@@ -56,7 +56,7 @@ enum OfRun {
     /// Correct or confirm the start of runs, as `armwatch run-date`
     #[command(hide = true)]
     Date(RunDateArgs),
-    /// Leave runs out of conclusions, as `armwatch set-aside`
+    /// Exclude runs from conclusions, as `armwatch set-aside`
     #[command(hide = true)]
     SetAside(SetAsideArgs),
 }

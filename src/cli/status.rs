@@ -30,10 +30,10 @@ Examples:
   armwatch status --json | \\
       jq '.robots[] | select(.status == \"critical\") | .robot'
 
-One line a robot, the worst first: its status is that of its worst joint, then comes the friction index of each joint as
-a change in percent against the joint's own first tests (`?` without a figure, `!` with an open alarm). A status is stale
-if the next test of the robot is late by its usual interval. Reads only, and
-works while the daemon runs and for users who may not write the database.")]
+The command prints one line per robot, the worst first. The status of a robot is that of its worst joint. The
+friction index of each joint follows, as a change in percent from the joint's baseline: `?` means no value, `!`
+means an open alarm. A status is stale if the next test of the robot is late, compared with its usual interval.
+The command only reads. It works while the daemon runs, and for users without write access to the database.")]
 pub(super) struct StatusArgs {}
 
 /// What the glance shows.

@@ -49,27 +49,27 @@ Examples:
   armwatch demo --once --dir /tmp/fleet
   armwatch demo --once --json | jq 'select(.event == \"verdict\")'
 
-Five ER3A arms are tested on eight days, 31 tests of eight cycles. Four faults are planted: wear of a joint, a
-payload, a step of friction inside a test, and a joint that jitters. What is planted is printed first, then each
-test and each alarm, and at the end what was found and how many tests later. The simulated exports are written into
-a watched folder while the daemon takes them, the first one bit by bit; detectors run with the shipped settings. The
-dashboard is served to this machine at the address that is printed, until Ctrl-C. The folder stays: exports, their
-truth files and the database. The demo says how large it is and how to go on with it.
-Exit status 1 if a fault was not found with its joint and kind, or an alarm came where nothing was planted; 130 if it
-was stopped before every test was stored.")]
+Five ER3A arms are tested on eight days: 31 tests of eight cycles. Four faults are simulated: wear of a joint, a
+payload, a step of friction inside a test, and a joint that jitters. The command first prints the faults, then
+each test and each alarm, and at the end the detected faults with their delay in tests. It writes the simulated
+exports into a watched folder while the daemon reads them, the first one bit by bit. The detectors have the
+shipped settings. The command prints the address of the dashboard and serves it to this computer until Ctrl-C. The
+folder stays, with exports, truth files and database. The command prints its size and the next steps. Exit status
+1 if a fault was not detected with its joint and kind, or if there was an alarm without a fault; 130 if the
+command was stopped before every test was stored.")]
 pub(in crate::cli) struct DemoArgs {
-    /// End after the last result instead of serving the dashboard until Ctrl-C
+    /// Exit after the last result instead of serving the dashboard until Ctrl-C
     #[arg(long)]
     once: bool,
     /// Folder for exports and database, which must be empty or missing [default: a new temporary
     /// folder]
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
-    /// Everything random follows from it
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Day of the first tests, such as 2026-01-05 [default: a week ago, so that the last tests are of
-    /// today or yesterday]
+    /// Day of the first tests, such as 2026-01-05 [default: a week ago; the last tests are then from today or
+    /// yesterday]
     #[arg(long, value_name = "DATE")]
     first_day: Option<Date>,
 }

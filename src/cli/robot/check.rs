@@ -34,15 +34,15 @@ Examples:
   armwatch robot check config/robots/er3a.toml \\
       --reference tests/reference/er3a_inverse_dynamics.csv
 
-The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last
-frame in the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33; torques are those of the rigid links with
-the description's nominal inertia, without friction and motor inertia. Exit status 1 if they disagree, or
-if the formulas disagree with each other on this arm.")]
+The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last frame in
+the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33. Its torques are those of rigid links with the nominal
+inertia of the description, without friction and motor inertia. Exit status 1 if the reference differs, or if the
+formulas of the program disagree with each other on this arm.")]
 pub(in crate::cli) struct RobotCheckArgs {
     /// Robot description
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Table of states with torque and pose to compare with
+    /// Reference table: states with torque and pose
     #[arg(long, value_name = "CSV")]
     reference: Option<PathBuf>,
 }

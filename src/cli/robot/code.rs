@@ -35,48 +35,48 @@ Examples:
   armwatch robot code --description-only --language c -o nominal \\
       --description config/robots/er3a.toml
 
-Writes torque(q, qd, qdd) of the identified model, with its constants, as source that needs no library: rigid
-links, gravity, motor inertia, friction, coupled motors; SI units. Its comment has equations, signs, recordings
-and warmth. Beside it are vectors.csv, states with the torques of this program, and self_check.*, which prints
-the largest difference from them and the nanoseconds of a call:
+The command writes the function torque(q, qd, qdd) of the identified model with its constants, as source that
+needs no library: rigid links, gravity, motor inertia, friction, coupled motors; SI units. A comment has
+equations, signs, recordings and thermal state. Two more files are vectors.csv, states with the torques of
+armwatch, and self_check.*, which prints the largest difference from them and the nanoseconds per call:
   C       cc -std=c99 -O2 -o self_check self_check.c *_torque.c -lm && ./self_check
   Rust    rustc --edition 2021 -O self_check.rs && ./self_check
   Python  python3 self_check.py
 
-Friction is that of the chosen cycles. --friction-minute scales it to another minute of the recording by the
-warm-up curves of its friction stages. The same input gives the same bytes. Before anything is written, the
-formulas are compared with the program's own at all test vectors. A file of the same name that is not of this
-command is left alone, and nothing is written, unless --force is given.")]
+Friction is that of the chosen cycles. --friction-minute scales it to another minute of the recording with the
+warm-up curves of its friction stages. The same input gives the same bytes. Before the command writes anything, it
+compares the formulas with its own at all test vectors. If a file of the same name exists that this command did
+not write, the command writes nothing, unless --force is given.")]
 #[command(group(ArgGroup::new("model").args(["runs", "parameters", "description_only"]).required(true)))]
 pub(in crate::cli) struct RobotCodeArgs {
-    /// Run whose cycles are taken; may be given several times
+    /// Run whose cycles are used; may be repeated
     #[arg(help_heading = "Model", long = "run", value_name = "RUN")]
     runs: Vec<i64>,
     /// Saved parameter set
     #[arg(help_heading = "Model", long, value_name = "SET", conflicts_with_all = ["runs", "cycles"])]
     parameters: Option<String>,
-    /// Nominal parameters of the description, with warm friction; no database is needed
+    /// Use the nominal parameters of the description, with warm friction; needs no database
     #[arg(help_heading = "Model", long, requires = "description", conflicts_with_all = ["cycles", "friction_minute"])]
     description_only: bool,
     /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
     #[arg(help_heading = "Model", long, value_name = "CYCLES")]
     cycles: Option<String>,
-    /// Robot description [default: the configuration's that the cycles were analysed with]
+    /// Robot description [default: the configured one, used for the analysis of the cycles]
     #[arg(help_heading = "Model", long, value_name = "FILE")]
     description: Option<PathBuf>,
     /// Scale friction to this minute since the start of the recording
     #[arg(help_heading = "Model", long, value_name = "MINUTE")]
     friction_minute: Option<f64>,
-    /// Language; may be given several times
+    /// Language; may be repeated
     #[arg(help_heading = "Code", long = "language", value_name = "LANGUAGE", value_enum, required = true)]
     languages: Vec<LanguageArg>,
-    /// Name of the files and functions, made an identifier [default: the description's model]
+    /// Name of the files and functions, changed to an identifier [default: the model of the description]
     #[arg(help_heading = "Code", long, value_name = "NAME")]
     name: Option<String>,
-    /// Folder to write into; made if it is not there
+    /// Folder to write to; created if missing
     #[arg(help_heading = "Code", short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Replace files that are not of this command
+    /// Replace files that this command did not write
     #[arg(help_heading = "Code", long)]
     force: bool,
 }

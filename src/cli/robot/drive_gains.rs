@@ -23,16 +23,16 @@ Examples:
       --load-mass-kg 5 --load-centre-m 0,0,0.08 \\
       --load-inertia-kg-m2 0.02,0,0,0.02,0,0.01
 
-Record the same test twice, without and with a load whose mass and centre are known, and ingest both with one
-configuration. What is needed was stored with the cycles: no export is read. The true gain of a joint is the
-one in the description times the correction. A joint on which the load does not show gets a reason and no
-number. The load is rigidly attached; its frame is [tool] of the description, or without one the frame of the
-last joint. Exit status 1 if no joint has an answer. See docs/exports.md.")]
+Record the same test twice, without and with a load whose mass and centre of mass are known. Ingest both
+recordings with one configuration. The command uses factors stored with the cycles and reads no export. The true
+gain of a joint is the one in the description times the correction. A joint whose torque hardly depends on the
+load gets a reason and no value. The load must be rigidly attached. Its frame is [tool] of the description, or the
+frame of the last joint if there is no [tool]. Exit status 1 if no joint has a result. See docs/exports.md.")]
 pub(in crate::cli) struct DriveGainsArgs {
-    /// Run without the load; may be given several times
+    /// Run without the load; may be repeated
     #[arg(long = "without", value_name = "RUN", required = true)]
     without: Vec<i64>,
-    /// Run with the load; may be given several times
+    /// Run with the load; may be repeated
     #[arg(long = "with", value_name = "RUN", required = true)]
     with: Vec<i64>,
     #[command(flatten)]
