@@ -333,7 +333,7 @@ fn problems(of: &Explanation) -> Vec<String> {
     let Some(reading) = &of.reading else { return problems };
     problems.extend(
         reading.left_out.map(|LeftOut { line, reason }| {
-            format!("line {line}: the last line {reason}; the row is left out")
+            format!("line {line}: the last line {reason}; the row is skipped")
         }),
     );
     if reading.passed_over.rows > 0 {

@@ -152,7 +152,7 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
             .filter(|(other, _, outer)| place.starts_with(outer) && (outer != place || *other < number));
         if let Some((_, outer, _)) = around.next() {
             let sentence = format!(
-                "lies in the watched folder {}, which is searched with its subfolders",
+                "is inside the watched folder {}, which is searched with its subfolders",
                 outer.display()
             );
             found.remarks.push(problem(&key, folder, &sentence, "leave one of them out"));

@@ -391,7 +391,7 @@ fn only_exports_of_the_same_view_are_replaced() {
         let refused = workshop.run(arguments);
         let said = text(&refused.stderr);
         assert_eq!(refused.status.code(), Some(2), "{said}");
-        assert!(said.contains("out/runs.csv is there and no export of the view runs"), "{said}");
+        assert!(said.contains("out/runs.csv exists and is not an export of the view runs"), "{said}");
         assert_eq!(files(&workshop.path("out")), ["runs.csv"], "nothing else is written");
     }
     assert!(fs::read_to_string(&notes).expect("the file").contains("what I think"));

@@ -279,13 +279,13 @@ fn a_link_publishes_no_secret() {
     put(&workshop, "inbox", "A", 1);
     let ingested = workshop.run(&["ingest", "inbox"]);
     let said = text(&ingested.stderr);
-    assert_eq!(said.matches("is a link that leads out of the watched folder").count(), 2, "{said}");
+    assert_eq!(said.matches("is a link to a place outside the watched folder").count(), 2, "{said}");
     assert_eq!(workshop.query("SELECT source_name FROM quarantine"), [""; 0]);
     assert_eq!(workshop.number(&stored("A")), 1);
     assert!(!shows(&bytes()) && !shows(&said));
     let doctor = workshop.run(&["doctor", "--quick", "--json"]);
     assert_eq!(
-        text(&doctor.stdout).matches("is a link that leads out").count(),
+        text(&doctor.stdout).matches("is a link to a place outside").count(),
         2,
         "{}",
         text(&doctor.stdout)
@@ -293,8 +293,8 @@ fn a_link_publishes_no_secret() {
 
     // the daemon lists them, without their targets
     let running = workshop.daemon();
-    let listed = "SELECT count(*) FROM quarantine WHERE problem = 'a link that leads out of the watched folder' \
-                  AND remedy LIKE '%follow_links = true%'";
+    let listed = "SELECT count(*) FROM quarantine WHERE problem = 'a link to a place outside the watched \
+        folder' AND remedy LIKE '%follow_links = true%'";
     workshop.wait_for(listed, 2);
     assert!(!workshop.stdout(&["quarantine", "list", "--json"], 0).contains("secret0"));
     fs::remove_file(workshop.inbox(links[1])).expect("removed");
@@ -307,7 +307,7 @@ fn a_link_publishes_no_secret() {
     workshop.set("follow_links", "true");
     let running = workshop.daemon();
     workshop.wait_for(
-        "SELECT count(*) FROM quarantine WHERE problem LIKE 'no export: the line has 1 column %'",
+        "SELECT count(*) FROM quarantine WHERE problem LIKE 'not an export: the line has 1 column %'",
         2,
     );
     ends_in_time(running);

@@ -116,7 +116,7 @@ mod tests {
         std::os::unix::fs::symlink("/etc/hostname", inbox.join("R01.csv")).unwrap();
         let found = &left_out(&inbox, false)[0];
         assert_eq!(found.level, CheckLevel::Warning);
-        assert!(found.said.contains("R01.csv is a link that leads out"), "{found:?}");
+        assert!(found.said.contains("R01.csv is a link to a place outside"), "{found:?}");
         assert_eq!(left_out(&inbox, true)[0].level, CheckLevel::Ok);
     }
 }

@@ -518,7 +518,7 @@ pub fn recognise<'a>(
 /// The time zone of clocks in names and rows.
 fn zone(config: &Config, path: &Path) -> Result<TimeZone, Rejection> {
     config.recognition.zone().ok_or_else(|| {
-        let reason = format!("time zone {} is not known on this machine", config.recognition.time_zone);
+        let reason = format!("time zone {} is not known on this computer", config.recognition.time_zone);
         Rejection::of_file(path, reason, "install the time zone database (package tzdata)")
     })
 }

@@ -118,7 +118,7 @@ impl Document<'_> {
         problems.extend(self.adopted.into_inner());
         if problems.is_empty() {
             // Only a reader that gives up without a word leads here; say what is known.
-            return ConfigErrors::of_file(self.file, "could not be understood".into(), None);
+            return ConfigErrors::of_file(self.file, "could not be read".into(), None);
         }
         ConfigErrors(problems)
     }

@@ -27,7 +27,7 @@ use armwatch_model::text;
 const MAX_DEPTH: usize = 32;
 
 /// Why a folder with more folders around it is not looked into.
-const TOO_DEEP: &str = "a folder that lies more than 32 folders below the watched one";
+const TOO_DEEP: &str = "a folder more than 32 levels below the watched one";
 
 /// An export that a scan found.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -294,9 +294,7 @@ impl Complaints {
     /// Logs the new ones as warnings.
     pub fn warn(&mut self, scan: &Scan) {
         for place in self.fresh(scan) {
-            tracing::warn!(
-                "cannot look into a watched place: {place}; it is looked at again with every scan"
-            );
+            tracing::warn!("cannot read a watched place: {place}; every scan tries again");
         }
         for place in self.newly_skipped(scan) {
             tracing::warn!("skipped: {place}");
@@ -497,7 +495,7 @@ mod tests {
         assert_eq!(skipped, ["R04.csv", "R05.csv", "folder", "sub/R06.csv", "sub/folder"]);
         let said = Skipped::LeadsOut { path: "R04.csv".into(), target: "/etc/token".into() }.to_string();
         assert!(
-            said.contains("leads out of the watched folder, to /etc/token; ")
+            said.contains("to a place outside the watched folder, to /etc/token; ")
                 && said.contains("follow_links")
         );
         let (files, skipped) = at(true);
@@ -526,7 +524,7 @@ mod tests {
         assert_eq!((scan.files.len(), scan.skipped.len()), (1, 1));
         let mut complaints = Complaints::default();
         let said = complaints.newly_skipped(&scan)[0].to_string();
-        assert!(said.contains("more than 32 folders below the watched one"), "{said}");
+        assert!(said.contains("more than 32 levels below the watched one"), "{said}");
         assert!(complaints.newly_skipped(&scan).is_empty());
     }
 

@@ -34,8 +34,8 @@ pub enum QuestionError {
     Empty,
     /// The text has more than one statement.
     #[error(
-        "there is more than one statement: `armwatch sql` takes one that reads; call it once for each, or join them with \
-         WITH or UNION ALL"
+        "there are several statements: `armwatch sql` accepts one that reads; call it once per statement, \
+        or join them with WITH or UNION ALL"
     )]
     Several,
     /// The statement would change something, write a file, or return no rows.
@@ -58,7 +58,7 @@ pub enum QuestionError {
         known: Vec<String>,
     },
     /// Two values have one name.
-    #[error("--param {0} is given twice: give one value for each parameter")]
+    #[error("--param {0} is given twice: give one value per parameter")]
     Twice(String),
     /// A parameter has no name.
     #[error(
