@@ -242,7 +242,8 @@ impl RunningDaemon {
         for (path, attempts) in &failed {
             tracing::warn!(
                 file = %text::of_path(path), attempts,
-                "the program ended while this export was read; such exports are read one at a time, three times at most"
+                "the program ended while this export was read; such exports are read one at a time, at most \
+                three times"
             );
         }
         self.schedule.suspect(Suspects::new(began, failed));
@@ -307,7 +308,7 @@ impl RunningDaemon {
                 () = tokio::time::sleep_until(next_look.into()) => {
                     match self.look(&folders.look()).await {
                         Err(PipelineError::Store(error)) if !error.is_fatal() => {
-                            tracing::warn!(%error, "not all was looked at; looking again");
+                            tracing::warn!(%error, "not everything was scanned; scanning again");
                         }
                         looked => looked?,
                     }
@@ -351,7 +352,7 @@ impl RunningDaemon {
                 waiting = self.schedule.waiting(Instant::now()),
                 open = self.exports.count(),
                 to_conclude = stale.len() + self.concluding.len(),
-                "looked at the watched folders"
+                "scanned the watched folders"
             );
         }
         Ok(())
@@ -367,7 +368,7 @@ impl RunningDaemon {
         for some in self.schedule.unseen(files).chunks(FILES_ASKED_AT_ONCE) {
             let known = self.pipeline.known_as_they_are(some).await?;
             for path in &known {
-                tracing::debug!(file = %text::of_path(path), "known as it lies there");
+                tracing::debug!(file = %text::of_path(path), "already known, unchanged");
                 self.pipeline.metrics().export(ExportEnd::Known);
             }
             self.schedule.taken_before(known.into_iter());
@@ -386,7 +387,7 @@ impl RunningDaemon {
             match store.give_up_run(run_id, VANISHED).await {
                 Ok(_) => tracing::warn!(run_id, "{VANISHED}"),
                 Err(error) if !error.is_fatal() => {
-                    tracing::debug!(run_id, %error, "given up at the next look")
+                    tracing::debug!(run_id, %error, "given up at the next scan")
                 }
                 Err(error) => return Err(error.into()),
             }
@@ -432,8 +433,8 @@ impl RunningDaemon {
         if let Some(reading) = &mut self.rereading {
             reading.due = None;
             tracing::error!(
-                "the configuration cannot be read: no answer for {} s; the earlier one stays in force until it answers, \
-                 see whether the disk or file server of its files is there",
+                "the configuration cannot be read: no answer for {} s; the earlier one stays in force until \
+                it answers; check the disk or file server of its files",
                 REREAD_WITHIN.as_secs()
             );
         }
@@ -468,7 +469,7 @@ impl RunningDaemon {
         let noted = self.pipeline.store().note_folder(&folder, turned.looked_at, turned.answers).await;
         match noted {
             Err(error) if !error.is_fatal() => {
-                tracing::debug!(folder, %error, "`armwatch status` does not know whether it answers");
+                tracing::debug!(folder, %error, "`armwatch status` cannot show if it answers");
                 Ok(())
             }
             noted => Ok(noted?),
@@ -487,7 +488,7 @@ impl RunningDaemon {
     /// Takes over the robots that wait for conclusions, and says of which of them they failed.
     fn take_over_stale(&mut self, stale: &[StaleRobot], faults: &[ConclusionFault]) {
         for fault in faults {
-            tracing::warn!(robot = fault.robot, "nothing new is concluded of this robot: {}", fault.reason);
+            tracing::warn!(robot = fault.robot, "no new conclusion for this robot: {}", fault.reason);
         }
         self.stale.take_over(stale, faults, Instant::now());
     }
@@ -560,7 +561,7 @@ impl RunningDaemon {
                 return Ok(());
             }
             Err(PipelineError::Task(error)) if error.is_panic() => {
-                tracing::error!(file = %text::of_path(&due.path), %error, "internal error; other exports go on");
+                tracing::error!(file = %text::of_path(&due.path), %error, "internal error; other exports continue");
                 self.pipeline.metrics().export(ExportEnd::Failed);
                 let is_growing = way == ReadMode::Growing;
                 self.schedule

@@ -51,7 +51,7 @@ pub(super) fn backup(global: &Global, args: &BackupArgs) -> Result<u8, CliError>
         }));
     } else {
         output::line(&format!(
-            "{file}: {:.1} MB, whole; {rows} rows in {} tables, each as in the database",
+            "{file}: {:.1} MB, verified; {rows} rows in {} tables, all equal to the database",
             backup.bytes as f64 / 1e6,
             backup.rows.len()
         ));

@@ -177,7 +177,7 @@ pub(super) fn require_database(config: &Config) -> Result<(), CliError> {
 
 fn no_database(config: &Config) -> CliError {
     CliError::Io(format!(
-        "there is no database {}: `armwatch run` and `armwatch ingest` make it; name another one with --db",
+        "there is no database {}: `armwatch run` and `armwatch ingest` create it; name another one with --db",
         shown_database(&config.database)
     ))
 }

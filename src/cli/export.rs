@@ -107,21 +107,20 @@ fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
                 .into_iter()
                 .find(|format| path.extension().is_some_and(|suffix| suffix == format.suffix()));
             let format = format.ok_or_else(|| {
-                CliError::Usage(format!(
-                    "the name of {} ends neither with .csv nor with .parquet",
-                    path.display()
-                ))
+                CliError::Usage(format!("the name of {} must end with .csv or .parquet", path.display()))
             })?;
             let destinations: Vec<_> = views.map(|view| Destination { view, path: path.clone() }).collect();
             if destinations.len() > 1 {
                 return Err(CliError::Usage(
-                    "--output takes one view; several go to a folder with --csv or --parquet".into(),
+                    "--output accepts one view; use --csv or --parquet for a folder with several".into(),
                 ));
             }
             (format, destinations)
         }
         (None, None, None) => {
-            return Err(CliError::Usage("say where to: --csv DIR, --parquet DIR or --output FILE".into()));
+            return Err(CliError::Usage(
+                "give the destination: --csv DIR, --parquet DIR or --output FILE".into(),
+            ));
         }
     };
     let (since, until) = match args.by_month {

@@ -72,7 +72,7 @@ pub(super) struct CyclesArgs {
 }
 
 const NO_RUN: &str =
-    "no run is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders";
+    "no run is stored yet: `armwatch ingest FILE` reads an export, `armwatch run` watches folders";
 
 pub(super) fn robots(global: &Global, args: &RobotsArgs) -> Result<u8, CliError> {
     let table = asked(global, &ListFilter::default(), async |store| store.robot_list().await)?;
@@ -90,7 +90,7 @@ pub(super) fn runs(global: &Global, args: &RunsArgs) -> Result<u8, CliError> {
     };
     let table = asked(global, &wanted, async |store| store.run_list(&wanted).await)?;
     let is_asked = args.robot.is_some() || args.status.is_some() || args.kind.is_some();
-    rows::print(&table, args.rows, global.json, if is_asked { "no run is as asked for" } else { NO_RUN })?;
+    rows::print(&table, args.rows, global.json, if is_asked { "no run matches" } else { NO_RUN })?;
     say_limit(&table, args.limit);
     Ok(EXIT_DONE)
 }
@@ -105,7 +105,7 @@ pub(super) fn cycles(global: &Global, args: &CyclesArgs) -> Result<u8, CliError>
     };
     let table = asked(global, &wanted, async |store| store.cycle_list(&wanted).await)?;
     let is_asked = args.robot.is_some() || args.status.is_some() || args.run.is_some();
-    rows::print(&table, args.rows, global.json, if is_asked { "no cycle is as asked for" } else { NO_RUN })?;
+    rows::print(&table, args.rows, global.json, if is_asked { "no cycle matches" } else { NO_RUN })?;
     say_limit(&table, args.limit);
     Ok(EXIT_DONE)
 }

@@ -88,8 +88,8 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>) -> Result<u8,
     } else if rows.is_empty() {
         let of = robot.map(|name| format!(" on {name}")).unwrap_or_default();
         output::line(&format!(
-            "no work{of} was entered: every joint is compared with its first tests; `armwatch maintenance ROBOT --what \
-             TEXT` enters some"
+            "no work{of} was entered: every joint is compared with its first tests; `armwatch maintenance \
+            ROBOT --what TEXT` enters work"
         ));
     } else {
         let cells = |row: &MaintenanceRow| {
@@ -136,7 +136,7 @@ async fn enter(
         Err(NotEntered::NoRobot) => return Err(unknown_robot(store, &robot).await),
         Err(NotEntered::Known(row)) => {
             return Err(CliError::Usage(format!(
-                "this work is entered already, as number {}: {row}; `armwatch maintenance --list {robot}` shows all",
+                "this work is already entered, as number {}: {row}; `armwatch maintenance --list {robot}` shows all",
                 row.work.maintenance_id
             )));
         }
@@ -155,7 +155,7 @@ async fn enter(
             new.what
         ));
         output::line(&format!(
-            "             tests from then on have a new baseline{}; `armwatch maintenance --remove {number}` takes it back",
+            "             later tests have a new baseline{}; `armwatch maintenance --remove {number}` undoes this",
             outcome.words()
         ));
     }
@@ -176,7 +176,7 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
         output::json(&value);
     } else {
         output::line(&format!("removed      {number}: {row}"));
-        output::line(&format!("             the baseline before it counts again{}", outcome.words()));
+        output::line(&format!("             the earlier baseline is valid again{}", outcome.words()));
     }
     Ok(EXIT_DONE)
 }
@@ -185,13 +185,14 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
 fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
     if at < Timestamp::UNIX_EPOCH {
         return Err(format!(
-            "--at {} lies before 1970; look at the year, which has four digits, as in 2026-03-01",
+            "--at {} is before 1970; check the year, which has four digits, as in 2026-03-01",
             minute(at)
         ));
     }
     if at > now {
         return Err(format!(
-            "--at {} lies ahead; enter work once it is done, since tests before it are compared with the old baseline",
+            "--at {} is in the future; enter work after it is done, because earlier tests are compared with \
+            the old baseline",
             minute(at)
         ));
     }
@@ -237,7 +238,8 @@ mod tests {
         let year = check_time(time("0020-01-01T00:00:00Z"), now);
         assert!(year.is_err_and(|words| words.contains("before 1970") && words.contains("2026-03-01")));
         assert!(
-            check_time(time("2026-03-01T14:31:00Z"), now).is_err_and(|words| words.contains("lies ahead"))
+            check_time(time("2026-03-01T14:31:00Z"), now)
+                .is_err_and(|words| words.contains("is in the future"))
         );
     }
 }

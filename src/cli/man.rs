@@ -48,7 +48,11 @@ pub(super) fn man(global: &Global, args: &ManArgs, command: Command) -> Result<u
     if global.json {
         output::json(&json!({"folder": folder.display().to_string(), "pages": pages}));
     } else {
-        output::line(&format!("{pages} pages in {}; look with `man {}`", folder.display(), first.display()));
+        output::line(&format!(
+            "{pages} pages in {}; read them with `man {}`",
+            folder.display(),
+            first.display()
+        ));
     }
     Ok(EXIT_DONE)
 }

@@ -279,8 +279,10 @@ pub fn execute(
     });
     ExitCode::from(match shared::output::failure() {
         Some(detail) => {
-            let text =
-                format!("standard output cannot be written: {detail}; free space there, or print elsewhere");
+            let text = format!(
+                "standard output cannot be written: {detail}; free space there, or redirect the \
+                    output elsewhere"
+            );
             shared::output::print_error(&text);
             EXIT_IO
         }
@@ -292,7 +294,7 @@ pub fn execute(
 fn or_internal(command: impl FnOnce() -> Result<u8, CliError>) -> Result<u8, CliError> {
     // nothing of a command is looked at after its panic
     std::panic::catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {
-        Err(CliError::Internal("the program has stopped where the line above says; please report it".into()))
+        Err(CliError::Internal("the program stopped at the place in the line above; please report it".into()))
     })
 }
 

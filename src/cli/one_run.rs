@@ -81,7 +81,7 @@ pub(super) fn run_date(global: &Global, args: &RunDateArgs) -> Result<u8, CliErr
         (Some(at), ..) if args.runs.len() > 1 => {
             let at = time_in_views(at);
             return Err(CliError::Usage(format!(
-                "two runs of one robot cannot both begin at {at}; name one run"
+                "two runs of a robot cannot both begin at {at}; give one run"
             )));
         }
         (Some(at), ..) => RunDecision::StartedAt(at),
@@ -100,8 +100,9 @@ fn not_in_future(start: Option<Timestamp>) -> Result<(), CliError> {
     let now = Timestamp::now();
     match start.filter(|start| start.duration_since(now) > GRACE) {
         Some(start) => Err(CliError::Usage(format!(
-            "{} is more than {} h later than now, {}: no recording can have begun then, and every later test would be out \
-             of order; give the right time or, if the clock of this machine is wrong, --force",
+            "{} is more than {} h later than now, {}: no recording can have begun then, and every later \
+            test would be out of order; give the right time or use --force if the clock of this computer is \
+            wrong",
             time_in_views(start),
             GRACE.as_hours(),
             time_in_views(now)
@@ -172,7 +173,7 @@ async fn refusal(store: &Store, run_id: i64, why: NotDecided) -> Result<CliError
             status.name()
         )),
         NotDecided::NothingToUndo => CliError::Usage(format!(
-            "there is nothing to undo of run {run_id}; `armwatch runs` shows what is set aside or corrected"
+            "there is nothing to undo for run {run_id}; `armwatch runs` shows runs that are set aside or corrected"
         )),
     })
 }

@@ -158,5 +158,5 @@ async fn delete(global: &Global, store: &Store, name: &str) -> Result<u8, CliErr
 }
 
 fn unknown(name: &str) -> CliError {
-    CliError::Usage(format!("nothing is kept as \"{name}\"; `armwatch parameters list` shows the names"))
+    CliError::Usage(format!("nothing is saved as \"{name}\"; `armwatch parameters list` shows the names"))
 }

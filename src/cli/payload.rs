@@ -51,7 +51,7 @@ fn as_text(found: &RunPayload) -> String {
     let rows: Vec<Vec<String>> = found.quantities.iter().map(row).collect();
     let [empty, loaded] = found.cycles;
     let mut text = format!(
-        "{}: run {} ({loaded} cycles) against run {} ({empty} cycles)\n{}\ndrive gains: off by up to {:.0} %",
+        "{}: run {} ({loaded} cycles) compared with run {} ({empty} cycles)\n{}\ndrive gains: error up to {:.0} %",
         found.robot,
         found.loaded_run_id,
         found.empty_run_id,

@@ -43,7 +43,7 @@ pub(super) struct PruneArgs {
 }
 
 fn days(text: &str) -> Result<f64, String> {
-    let wrong = || "a number of days from 0 to 36500 is wanted".to_owned();
+    let wrong = || "give a number of days from 0 to 36500".to_owned();
     text.parse().ok().filter(|days| (0.0..=36_500.0).contains(days)).ok_or_else(wrong)
 }
 
@@ -97,7 +97,7 @@ async fn work(
     }
     if sums.is_empty() {
         output::line(&format!(
-            "no factors have had their time: those of tests are kept {}, those of ordinary work {}",
+            "no factors have expired: those of tests are kept {}, those of production {}",
             shown_days(settings.tests_days),
             shown_days(settings.production_days)
         ));
@@ -108,7 +108,7 @@ async fn work(
     let database = shown_database(&config.database);
     if args.dry_run {
         output::line(&format!(
-            "nothing is changed; {} of {database} would be free with the {} that are free now",
+            "nothing was changed; {} of {database} would be free, including {} that are free now",
             megabytes(sums.iter().map(Sum::freed).sum::<u64>() + before.bytes()),
             megabytes(before.bytes())
         ));
@@ -122,8 +122,8 @@ async fn work(
     ));
     if !after.can_shrink && after.free_pages > 0 {
         output::print_hint(
-            "what is free is used for what comes next; this database was made by an earlier build and does not shrink \
-             by itself: docs/operations.md says how to make it",
+            "later data use the free space; an earlier build created this database, and it does not shrink \
+            by itself: docs/operations.md shows how to shrink it",
         );
     }
     Ok(EXIT_DONE)
@@ -162,7 +162,7 @@ impl Sum {
 
     fn what(&self, dry_run: bool) -> &'static str {
         match (self.kind, dry_run) {
-            (RunKind::Test, true) => "would be removed",
+            (RunKind::Test, true) => "would be deleted",
             (RunKind::Test, false) => "removed",
             (RunKind::Production, true) => "would be joined",
             (RunKind::Production, false) => "joined",

@@ -107,7 +107,7 @@ fn shown_joints(
     };
     match args.joint.map(usize::from) {
         Some(number) if number > joints => {
-            Err(CliError::Usage(format!("{} has {joints} joints, there is no joint {number}", run.robot)))
+            Err(CliError::Usage(format!("{} has {joints} joints, but no joint {number}", run.robot)))
         }
         Some(number) => Ok(JointIndex::from_number(number).into_iter().collect()),
         None => Ok((0..joints).map(JointIndex::new).collect()),

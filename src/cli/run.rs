@@ -206,19 +206,19 @@ fn reread(global: &Global, args: &RunArgs) -> Option<Config> {
 /// A configuration that was read again, with what takes effect at the next start only as it was.
 fn keep_what_runs(mut config: Config, running: &Config) -> Config {
     if config.database != running.database {
-        tracing::warn!("`database` has changed; that takes effect at the next start");
+        tracing::warn!("`database` has changed; this takes effect at the next start");
         config.database.clone_from(&running.database);
     }
     if config.cluster != running.cluster {
-        tracing::warn!("[cluster] has changed; that takes effect at the next start");
+        tracing::warn!("[cluster] has changed; this takes effect at the next start");
         config.cluster.clone_from(&running.cluster);
     }
     if config.snapshot != running.snapshot {
-        tracing::warn!("[snapshot] has changed; that takes effect at the next start");
+        tracing::warn!("[snapshot] has changed; this takes effect at the next start");
         config.snapshot.clone_from(&running.snapshot);
     }
     if config.serve != running.serve {
-        tracing::warn!("[serve] has changed; that takes effect at the next start");
+        tracing::warn!("[serve] has changed; this takes effect at the next start");
         config.serve.clone_from(&running.serve);
     }
     let spool = running.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &upload.spool);

@@ -70,7 +70,7 @@ pub(super) fn sql(global: &Global, args: &SqlArgs) -> Result<u8, CliError> {
     })?;
     if !null_parameters.is_empty() {
         output::print_hint(&format!(
-            "NULL, since no --param NAME=VALUE gives a value: {}",
+            "NULL, because no --param NAME=VALUE gives a value: {}",
             null_parameters.join(", ")
         ));
     }

@@ -150,21 +150,21 @@ impl FleetGlance {
         for of in &self.unanswered {
             let host = if of.host.is_empty() { String::new() } else { format!("{}: ", of.host) };
             let since = of.looked_at.map_or_else(|| "the daemon started".to_owned(), words::minute);
-            output::line(&format!("folder      {host}{} not looked at since {since}: no answer", of.folder));
+            output::line(&format!("folder      {host}{} not scanned since {since}: no answer", of.folder));
         }
         let open: Vec<Severity> = self.open.iter().map(|row| row.severity).collect();
         output::line(&format!("alarms      {}", alarms_in_words(&open, self.answered)));
         if !self.quarantine.is_empty() {
             let count = output::counted(self.quarantine.len(), "export");
-            output::line(&format!("quarantine  {count}: `armwatch quarantine list` says why"));
+            output::line(&format!("quarantine  {count}: `armwatch quarantine list` shows the reason"));
         }
         for file in &self.blocked {
             output::line(&format!("blocked     {} {}; {}", file.source_name, file.message, file.remedy));
         }
         for run in self.runs.iter().filter(|run| self.unmatched.contains(&run.run_id)) {
             output::line(&format!(
-                "new robot   {}, by its only test {}, whose name recognition.file_name does not match; `armwatch set-aside {}` \
-                 leaves it out",
+                "new robot   {}, by its only test {}, whose name recognition.file_name does not match; \
+                `armwatch set-aside {}` excludes it",
                 run.robot, run.source_name, run.run_id
             ));
         }
@@ -175,8 +175,8 @@ impl FleetGlance {
         if robots.is_empty() {
             output::line("");
             output::line(
-                "no test is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders, \
-                 `armwatch demo` shows a simulated fleet",
+                "no test is stored yet: `armwatch ingest FILE` reads an export, `armwatch run` watches \
+                folders, `armwatch demo` shows a simulated fleet",
             );
             return;
         }

@@ -144,7 +144,7 @@ pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError>
     let joints = replayed.series.joints.len();
     if let Some(joint) = args.joint.filter(|joint| usize::from(*joint) > joints) {
         let robot = &replayed.replay.run.robot;
-        return Err(CliError::Usage(format!("{robot} has {joints} joints, there is no joint {joint}")));
+        return Err(CliError::Usage(format!("{robot} has {joints} joints, but no joint {joint}")));
     }
     if let Some(plot) = &args.plot {
         plot.write(&figure(args, &replayed))?;
@@ -198,7 +198,7 @@ async fn parameters(
             let ours = replay.run.model.as_ref().map(|model| &model.description_hash);
             if ours.is_some_and(|ours| *ours != named.candidate.model.description_hash) {
                 return Err(CliError::Usage(format!(
-                    "{} belongs to another description than run {}: its parameters mean something else",
+                    "{} belongs to another description than run {}: its parameters are not comparable",
                     named.name, args.run
                 )));
             }
@@ -356,7 +356,7 @@ fn figure(args: &TorqueArgs, replayed: &Replayed) -> crate::report::figure::Figu
         "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque over the same rows{}",
         text::of_file_name(export),
         replay.cutoff,
-        if args.slow { "" } else { "; the estimate is drawn where the joint moves" }
+        if args.slow { "" } else { "; the estimate is drawn only while the joint moves" }
     );
     let view = TorqueView {
         scope: args.stage.scope(),

@@ -85,7 +85,7 @@ async fn verify_stored(
     let unsaved = named.iter().find(|of| of.run_id.is_none());
     if let Some(set) = unsaved.filter(|_| args.store) {
         return Err(CliError::Usage(format!(
-            "--store takes the parameters of whole runs; {} are others",
+            "--store accepts only parameters of whole runs, not {}",
             set.name
         )));
     }
@@ -108,9 +108,9 @@ async fn verify_stored(
     if args.store {
         if let Some(of) = verified.iter().find(|of| of.joined_windows > 0) {
             return Err(CliError::Usage(format!(
-                "--store writes figures by cycle, and {} windows of run {} have their factors together since their time \
-                 was over ([retention] in the configuration); leave --store out, or read its export again with \
-                 `armwatch ingest --again {}`",
+                "--store writes values by cycle, but the factors of {} windows of run {} have expired and \
+                are joined ([retention] in the configuration); omit --store, or read its export again with \
+                `armwatch ingest --again {}`",
                 of.joined_windows, of.run_id, of.run_id
             )));
         }
@@ -147,14 +147,14 @@ async fn chosen<'a>(
                 // its cycles are named with those that are passed over
                 Err(StoredError::PassedOver(_)) => {}
                 Err(StoredError::Numerics(error)) => output::print_hint(&format!(
-                    "run {} gives no parameters and is only verified against: {error}",
+                    "run {} has no parameters and serves only as a reference: {error}",
                     run.run_id
                 )),
                 Err(error) => return Err(error.into()),
             }
         }
         if named.is_empty() {
-            return Err(CliError::Usage(format!("no run of robot {robot} gives parameters")));
+            return Err(CliError::Usage(format!("no run of robot {robot} has parameters")));
         }
     }
     for word in &args.parameters {

@@ -192,8 +192,9 @@ impl FilePlaces {
         self.said_short = Some(most);
         tracing::warn!(
             growing = self.holders.len() + waiting,
-            "more exports grow at once than watch.live_files = {most} lets be read: they take turns, and their cycles \
-             are stored later; raise watch.live_files (each takes the memory of about three cycles)"
+            "more exports grow at the same time than watch.live_files = {most} permits: they take turns, \
+            and their cycles are stored later; raise watch.live_files (each takes the memory of about three \
+            cycles)"
         );
     }
 }

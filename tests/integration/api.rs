@@ -549,6 +549,6 @@ fn torques_of_a_cycle_are_those_of_the_command_and_a_missing_export_is_said() {
     fs::remove_file(served.workshop.inbox(name)).expect("removed");
     let gone = served.get("/v1/runs/1/cycles/2/torque");
     assert_eq!(gone.status, 410, "{}", gone.body);
-    assert!(gone.body.contains("is not at hand"), "{}", gone.body);
+    assert!(gone.body.contains("is not available"), "{}", gone.body);
     served.end();
 }

@@ -366,14 +366,14 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     );
     let by_robot = "SELECT count(*) AS runs FROM runs WHERE robot = :robot AND run_id > :run";
     assert!(
-        told(&["sql", "--db", &fleet, by_robot, "--param", "run=0"], 0).contains("NULL, since no --param")
+        told(&["sql", "--db", &fleet, by_robot, "--param", "run=0"], 0).contains("NULL, because no --param")
     );
     let asked =
         ["sql", "--db", &fleet, "--json", by_robot, "--param", "robot=it's nobody", "--param", "run=0"];
     assert_eq!(workshop.stdout(&asked, 0).trim(), r#"{"runs":0}"#);
     assert!(told(&["sql", "--db", &fleet, "SELECT robo FROM runs"], 2).contains("robo"));
     let doctor = text(&workshop.run(&["doctor", "--all", "--db", &fleet]).stdout);
-    assert!(doctor.contains("is of this program's schema") && doctor.contains("pg_amcheck"), "{doctor}");
+    assert!(doctor.contains("has the schema of this program") && doctor.contains("pg_amcheck"), "{doctor}");
     server.sql_in("fleet", "UPDATE armwatch.schema_version SET version = 1000");
     assert!(told(&["runs", "--db", &fleet], 74).contains("use the newer program"));
     server.sql("CREATE DATABASE latin TEMPLATE template0 ENCODING 'LATIN1' LOCALE 'C'");

@@ -351,7 +351,7 @@ fn parameters_of_a_statement_have_their_values_from_the_command_line() {
     let shipped = shipped.to_str().expect("text");
     let asked = workshop.run(&["sql", "--file", shipped]);
     assert_eq!(asked.status.code(), Some(0));
-    assert!(text(&asked.stderr).contains("NULL, since no --param"), "{}", text(&asked.stderr));
+    assert!(text(&asked.stderr).contains("NULL, because no --param"), "{}", text(&asked.stderr));
     let all = [
         "sql",
         "--file",

@@ -63,7 +63,7 @@ pub(super) async fn test(
         }
         match error {
             None => output::line(&format!(
-                "{}: {receiver} has taken it in {:.2} s ({target})",
+                "{}: {receiver} accepted it in {:.2} s ({target})",
                 route.name,
                 seconds.unwrap_or_default()
             )),

@@ -236,7 +236,7 @@ impl Demo {
         let (first, last) =
             (days.first().cloned().unwrap_or_default(), days.last().cloned().unwrap_or_default());
         output::line(&format!(
-            "{} arms, {} tests of {CYCLES} cycles, {first} to {last}; simulated now, and read as the daemon reads them",
+            "{} arms, {} tests of {CYCLES} cycles, {first} to {last}; simulated now, and read like recordings",
             self.fleet.len(),
             self.tests.len()
         ));
@@ -421,11 +421,11 @@ impl Demo {
                 let later = test.map_or(0, |test| test - planted.test());
                 let number = test.map_or_else(String::new, |test| format!("test {test}, "));
                 match later {
-                    0 => format!("{number}the first with the fault"),
-                    _ => format!("{number}{later} after the first with the fault"),
+                    0 => format!("{number}the first one with the fault"),
+                    _ => format!("{number}{later} after the first one with the fault"),
                 }
             }
-            None => "nothing was planted there".to_owned(),
+            None => "no fault was simulated there".to_owned(),
         };
         let style = Style::new().bold().fg_color(Some(AnsiColor::Yellow.into()));
         let word = output::styled(if alarm.is_alarm() { "ALARM " } else { "noted " }, style);
@@ -459,7 +459,7 @@ impl Demo {
         let megabytes = |path: &Path| bytes_below(path).div_ceil(1_000_000);
         output::line("");
         output::line(&format!(
-            "{} stays, {} MB: {} MB of exports in inbox/, what was simulated in truth/, the database armwatch.db",
+            "{} stays, {} MB: {} MB of exports in inbox/, truth files in truth/, the database armwatch.db",
             self.folder.display(),
             megabytes(&self.folder),
             megabytes(&self.folder.join("inbox"))
@@ -473,7 +473,7 @@ impl Demo {
             output::line(&format!("  armwatch alerts show {alarm}{db}"));
         }
         output::line(&format!("  armwatch sql \"SELECT * FROM fleet_health\"{db}"));
-        output::line(&format!("  rm -r {}   # when you are done with it", self.folder.display()));
+        output::line(&format!("  rm -r {}   # when you no longer need it", self.folder.display()));
     }
 
     /// Says what was taken, and what was found in it.
@@ -485,7 +485,7 @@ impl Demo {
         } else {
             output::line("");
             output::line(&format!(
-                "stopped: {stored} of {} tests are stored; the others were not made or not taken",
+                "stopped: {stored} of {} tests are stored; the others were not simulated or not read",
                 self.tests.len()
             ));
         }

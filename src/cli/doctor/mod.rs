@@ -118,7 +118,7 @@ fn report(global: &Global, found: &[DoctorFinding], all: bool) {
     }
     let count = |level: CheckLevel| found.iter().filter(|finding| finding.level == level).count();
     output::line(&format!(
-        "{} looked at: {} ok, {}, {}",
+        "{} checked: {} ok, {}, {}",
         found.len(),
         count(CheckLevel::Ok),
         output::counted(count(CheckLevel::Warning), "warning"),

@@ -171,8 +171,9 @@ async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointInd
     if series.is_empty() {
         refuse_missing_joint(store, args.robots.iter().map(String::as_str), args.joint).await?;
         return Err(CliError::Usage(format!(
-            "{} has no friction index: that takes as many runs as the baseline, of six cycles or more with friction \
-             stages, in which friction falls while the joint warms; view friction_map has the joints with a map",
+            "{} has no friction index: it needs as many runs as the baseline, each with six or more cycles \
+            with friction stages, in which friction falls while the joint warms; the view friction_map has \
+            the joints with a map",
             args.robots.join(", ")
         )));
     }
@@ -233,7 +234,7 @@ async fn refuse_missing_joint<'r>(
     let told =
         counts.iter().map(|(robot, count)| format!("{robot} has {}", output::counted(*count, "joint")));
     let told: Vec<String> = told.collect();
-    Err(CliError::Usage(format!("{}, there is no joint {joint}", told.join(", "))))
+    Err(CliError::Usage(format!("{}, but no joint {joint}", told.join(", "))))
 }
 
 fn keep_chosen(args: &FrictionArgs, points: &mut Vec<Sourced>) {

@@ -126,7 +126,7 @@ async fn take_again(
         match (run.status, export.map_err(|error| CliError::Internal(error.to_string()))?) {
             (RunStatus::Complete | RunStatus::Quarantined, Ok(export)) => exports.push(export),
             (RunStatus::Complete | RunStatus::Quarantined, Err(missing)) => {
-                return Err(CliError::Usage(format!("{missing}; put it back there, and run again")));
+                return Err(CliError::Usage(format!("{missing}; put it back, and run again")));
             }
             (status @ (RunStatus::Superseded | RunStatus::SetAside | RunStatus::Streaming), _) => {
                 return Err(CliError::Usage(format!(
@@ -189,7 +189,7 @@ fn print_tally(tally: &Tally, took: Duration, is_interrupted: bool, as_json: boo
 fn end_early(tally: &Tally, took: Duration, exports: usize, as_json: bool) -> u8 {
     print_tally(tally, took, true, as_json);
     output::print_hint(&format!(
-        "stopped after {} of {}; what is stored stays: run the same command again to go on",
+        "stopped after {} of {}; stored results stay: run the same command again to continue",
         tally.decided(),
         output::counted(exports, "export")
     ));
@@ -303,10 +303,10 @@ impl IngestBatch<'_> {
             }
             Conclusion::UpToDate => {}
             Conclusion::Elsewhere => {
-                bar.pause(|| output::print_hint(&format!("{robot}: a daemon judges its history now")));
+                bar.pause(|| output::print_hint(&format!("{robot}: a daemon is evaluating its history")));
             }
             Conclusion::Faulty(reason) => {
-                bar.pause(|| output::print_hint(&format!("{robot}: nothing new is concluded: {reason}")));
+                bar.pause(|| output::print_hint(&format!("{robot}: no new conclusion: {reason}")));
                 return Ok(false);
             }
         }

@@ -89,9 +89,7 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
         refuse_database(&output)?;
         if !args.force && output.exists() {
             let output = output.display();
-            return Err(CliError::Usage(format!(
-                "{output} exists and is left as it is; --force writes over it"
-            )));
+            return Err(CliError::Usage(format!("{output} exists and is not changed; --force replaces it")));
         }
     }
     let mut code = EXIT_DONE;
@@ -162,8 +160,8 @@ fn description(global: &Global, args: &InferArgs) -> Result<Option<Robot>, CliEr
             let found = source.read_description(robot)?;
             found.map(Some).ok_or_else(|| {
                 CliError::Usage(format!(
-                    "no [[robot]] of {source} is for a robot called {robot}; --description FILE names a description \
-                     directly, and neither is needed where columns have names"
+                    "no [[robot]] of {source} is for a robot called {robot}; --description FILE names a \
+                    description directly, and neither is needed if columns have names"
                 ))
             })
         }

@@ -200,7 +200,7 @@ async fn dismiss(
     if !store.dismiss(run_id, &by, reason).await? {
         let latest = faults.iter().find(|fault| fault.run_id == run_id);
         let outcome = latest.map(story::outcome).unwrap_or_default();
-        return Err(CliError::Usage(format!("run {run_id} is no open problem: {outcome}")));
+        return Err(CliError::Usage(format!("run {run_id} is not an open problem: {outcome}")));
     }
     if global.json {
         output::json(&json!({"run_id": run_id, "outcome": "dismissed", "by": by, "reason": reason}));
@@ -308,7 +308,7 @@ impl Retries<'_> {
             && !matches!(settled.state, FaultState::Open | FaultState::Dismissed)
         {
             return Err(CliError::Usage(format!(
-                "run {} is not quarantined any more: {}",
+                "run {} is no longer quarantined: {}",
                 settled.run_id,
                 story::outcome(settled)
             )));
@@ -361,8 +361,7 @@ impl Retries<'_> {
             let known = self.store.known_run(run_id).await?;
             match known {
                 Some(run) if run.retry_asked && Instant::now() > deadline => {
-                    let why =
-                        "the daemon has not come to it; it stays asked for, see `armwatch quarantine list`";
+                    let why = "the daemon has not retried it yet; the request stays, see `armwatch quarantine list`";
                     self.say(path, run_id, "waiting", why);
                     return Ok(EXIT_FOUND);
                 }
@@ -378,7 +377,7 @@ impl Retries<'_> {
                 }
                 // another export has its content or its place
                 _ => {
-                    self.say(path, run_id, "known", "another run has taken its place");
+                    self.say(path, run_id, "known", "another run has replaced it");
                     return Ok(EXIT_DONE);
                 }
             }

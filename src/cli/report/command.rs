@@ -113,7 +113,7 @@ fn no_run(run_id: i64, runs: &[RunRow]) -> String {
             format!("there is no run {run_id}; the nearest is {near}, and `armwatch runs` lists all")
         }
         None => {
-            format!("there is no run {run_id}: no run is stored yet; `armwatch ingest FILE` takes an export")
+            format!("there is no run {run_id}: no run is stored yet; `armwatch ingest FILE` reads an export")
         }
     }
 }
@@ -126,7 +126,7 @@ fn no_robot(name: &str, runs: &[RunRow]) -> String {
     known.dedup();
     if known.is_empty() {
         return format!(
-            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` takes an export"
+            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` reads an export"
         );
     }
     let distance = |of: &&str| strsim::osa_distance(&of.to_lowercase(), &name.to_lowercase());

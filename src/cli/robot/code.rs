@@ -164,7 +164,8 @@ async fn identified(
     let set = match &args.parameters {
         Some(name) => store.parameter_set(name).await?.ok_or_else(|| {
             CliError::Usage(format!(
-                "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
+                "\"{name}\" is not a saved parameter set; `armwatch identify --save {name}` creates one, \
+                --run uses a run"
             ))
         })?,
         None => {
@@ -180,8 +181,8 @@ async fn identified(
     };
     if !set.model.describes(&robot) {
         return Err(CliError::Usage(format!(
-            "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, friction \
-             columns or couplings differ; give that one with --description",
+            "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, \
+            friction columns or couplings differ; give the right one with --description",
             robot.model, set.model.name
         )));
     }
@@ -252,14 +253,15 @@ pub(super) fn factors_at(robot: &Robot, warmth: &WarmUpCurves, minute: f64) -> R
     let last = warmth.last_minute().unwrap_or(0.0);
     if last > 0.0 && !(0.0..=last).contains(&minute) {
         return Err(CliError::Usage(format!(
-            "--friction-minute {minute}: friction was measured to minute {last:.1}; name a minute from 0 to that"
+            "--friction-minute {minute}: friction was measured until minute {last:.1}; give a minute from 0 to this"
         )));
     }
     let of_joint = |joint: JointIndex| {
         warmth.relative_friction(joint, minute).ok_or_else(|| {
             CliError::Usage(format!(
-                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: its friction stages \
-                 show none; leave --friction-minute out for the friction of the chosen cycles"
+                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: \
+                its friction stages show none; omit --friction-minute to use the friction of the chosen \
+                cycles"
             ))
         })
     };
@@ -293,7 +295,7 @@ pub(super) fn warmth_lines(
         )];
     }
     let Some(last) = warmth.last_minute() else {
-        return vec![when, "warmth unknown: the recording has no warm-up curves".to_owned()];
+        return vec![when, "thermal state unknown: the recording has no warm-up curves".to_owned()];
     };
     let at_end = |joint| warmth.relative_friction(joint, last);
     let ends = robot.joint_indices().map(at_end);
@@ -372,8 +374,8 @@ fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliErro
         };
         if !is_generated(&known, file) {
             return Err(CliError::Usage(format!(
-                "{} is not of this command and nothing is written; name another folder with -o, or replace it with \
-                 --force",
+                "{} was not written by this command, so nothing is written; name another folder with -o, or \
+                replace it with --force",
                 path.display()
             )));
         }

@@ -44,10 +44,9 @@ pub(in crate::cli) struct DriveGainsArgs {
 
 pub(in crate::cli) fn drive_gains(global: &Global, args: &DriveGainsArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
-    let load = args
-        .load
-        .given()?
-        .ok_or_else(|| CliError::Usage("which load? give --load-mass-kg and --load-centre-m".into()))?;
+    let load = args.load.given()?.ok_or_else(|| {
+        CliError::Usage("the load is missing: give --load-mass-kg and --load-centre-m".into())
+    })?;
     let load = StandardParameters::from_centre_of_mass(load.mass, &load.centre, &load.inertia);
     let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
     if let Some(run) = args.without.iter().find(|run| args.with.contains(run)) {
@@ -98,7 +97,7 @@ async fn entry_of<'c>(
         match robot {
             Some(other) if other != row.robot => {
                 return Err(CliError::Usage(format!(
-                    "run {run} is of robot {}, another of {other}: gains are those of one robot",
+                    "run {run} is of robot {}, another run of {other}: choose runs of one robot",
                     row.robot
                 )));
             }
@@ -124,13 +123,13 @@ fn reason(unseen: &Unseen) -> String {
             "the load gives this joint no torque: its axis is vertical, or the load lies on it".into()
         }
         Unseen::NotApart => {
-            "the joint moved otherwise without load than with it, so that the load's torque could be \
-                             the arm's own; record the same motion twice"
+            "the joint moved differently without and with the load, so the torque of the load cannot be \
+            separated from that of the arm; record the same motion twice"
                 .into()
         }
         Unseen::TooWeak { load_rms, residual_std, std_error } => format!(
-            "the load shows too little: {load_rms:.3} Nm rms against a residual of {residual_std:.3} Nm, standard \
-             error {:.0} % of the gain; take a heavier load on a longer lever, or more cycles",
+            "the effect of the load is too small: {load_rms:.3} Nm rms with a residual of {residual_std:.3} \
+            Nm, standard error {:.0} % of the gain; use a heavier load on a longer lever, or more cycles",
             100.0 * std_error
         ),
     }

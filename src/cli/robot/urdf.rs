@@ -118,8 +118,8 @@ impl Fitted {
     pub(super) fn is_settled(&self) -> bool {
         if !self.fit.estimate.settled {
             output::print_error(&format!(
-                "the fit did not settle in {} steps and nothing is written; choose more cycles, or a description \
-                 with nominal inertia",
+                "the fit did not converge in {} steps, so nothing is written; choose more cycles, or a \
+                description with nominal inertia",
                 self.fit.estimate.steps
             ));
         }
@@ -130,7 +130,7 @@ impl Fitted {
 async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliError> {
     let set = store.parameter_set(name).await?.ok_or_else(|| {
         CliError::Usage(format!(
-            "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
+            "\"{name}\" is not a saved parameter set; `armwatch identify --save {name}` creates one, --run uses a run"
         ))
     })?;
     let chosen = |source: SourceCycle| RunCycles {

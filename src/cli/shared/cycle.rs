@@ -71,7 +71,7 @@ impl CycleArgs {
             (true, Some(path)) => Some(Points::Given(points(path, robot)?)),
             (true, None) => Some(Points::Drawn(self.point_count)),
             (false, Some(_)) => {
-                return Err(CliError::Usage("--points goes with the part points of --parts".into()));
+                return Err(CliError::Usage("--points requires the part points in --parts".into()));
             }
             (false, None) => None,
         };
@@ -128,7 +128,7 @@ fn points(path: &Path, robot: &Robot) -> Result<Vec<Vec<f64>>, CliError> {
             let cell = record.get(column.index).unwrap_or_default();
             let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
             value.map(|value| value * column.factor).ok_or_else(|| {
-                fault(format!("line {line}, column {}: \"{cell}\" is no number", header[column.index]))
+                fault(format!("line {line}, column {}: \"{cell}\" is not a number", header[column.index]))
             })
         });
         points.push(point.collect::<Result<_, _>>()?);

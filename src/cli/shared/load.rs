@@ -64,8 +64,9 @@ impl LoadArgs {
         let smallest = second.symmetric_eigenvalues().min();
         if smallest < -1e-9 * inertia.norm() {
             return Err(CliError::Usage(
-                "--load-inertia-kg-m2: no body has this inertia about its centre of mass; the sum of any two principal \
-                 moments is at least the third, and products of inertia are entries of the matrix"
+                "--load-inertia-kg-m2: no body has this inertia about its centre of mass; the sum of any \
+                two principal moments must be at least the third, and products of inertia are entries of \
+                the matrix"
                     .into(),
             ));
         }

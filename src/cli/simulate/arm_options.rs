@@ -145,7 +145,7 @@ impl ArmOptions {
         let number: u32 = match digits {
             "" => 1,
             _ => digits.parse().map_err(|_| {
-                CliError::Usage(format!("--name {first}: its number is too large to count on from"))
+                CliError::Usage(format!("--name {first}: its number is too large for further names"))
             })?,
         };
         let width = if digits.is_empty() { 2 } else { digits.len() };
@@ -175,7 +175,7 @@ fn ripples(text: &str) -> Result<Ripples, String> {
     };
     let orders: Option<Vec<RippleOrder>> = text.split(',').map(order).collect();
     orders.map(Ripples).ok_or_else(|| {
-        "waves a turn of the motor and a part of the Coulomb friction, such as 1=0.03,2=0.05, or none".into()
+        "waves per turn of the motor and a fraction of the Coulomb friction, such as 1=0.03,2=0.05, or none".into()
     })
 }
 

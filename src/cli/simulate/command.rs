@@ -243,7 +243,7 @@ const JITTER_STEPS: f64 = 0.1;
 
 fn speed(text: &str) -> Result<f64, String> {
     let speed = text.parse().ok().filter(|speed: &f64| *speed > 0.0 && speed.is_finite());
-    speed.ok_or_else(|| "above 0, such as 1 for the speed of the clock".into())
+    speed.ok_or_else(|| "above 0, such as 1 for real time".into())
 }
 
 fn stiffness(text: &str) -> Result<(JointIndex, f64), String> {
@@ -304,7 +304,7 @@ fn unseen(fault: &Fault, runs: u32, cycles: u32) -> Option<String> {
         }
         _ => return None,
     };
-    Some(format!("--fault {fault} is in no export: it {why}; give {remedy}"))
+    Some(format!("--fault {fault} affects no export: it {why}; give {remedy}"))
 }
 
 fn are(count: u32, noun: &str) -> String {
@@ -437,7 +437,7 @@ mod tests {
         assert_eq!(
             told(wear, 1, 5).as_deref(),
             Some(
-                "--fault wear:joint=1,from=6,rate=0.1,cap=1 is in no export: it begins with run 6, and there is 1 run; give \
+                "--fault wear:joint=1,from=6,rate=0.1,cap=1 affects no export: it begins with run 6, and there is 1 run; give \
                  more --runs, or an earlier from="
             )
         );

@@ -88,8 +88,7 @@ impl BesideArgs {
         };
         if robot.joints.iter().any(|joint| joint.nominal.is_none()) {
             return Err(CliError::Usage(
-                "--beside-run needs nominal parameters of all joints, with which precision is compared"
-                    .into(),
+                "--beside-run needs nominal parameters of all joints, as the reference of precision".into(),
             ));
         }
         let config = global.read_config()?;
@@ -167,20 +166,22 @@ impl ProductionPrecision {
             .collect();
         output::line("");
         output::line(&format!(
-            "Standard deviations as parts of nominal sizes, of {} s of run {} and with the addition of {seconds} s",
+            "Standard deviations as fractions of nominal sizes, for {} s of run {} and with the addition of \
+            {seconds} s",
             self.seconds, self.run
         ));
-        output::print_table(&["parameter", "ordinary work alone", "with the addition"], &rows, &[]);
+        output::print_table(&["parameter", "production only", "with the addition"], &rows, &[]);
         let (missed, all) = (self.missed(precision), self.sizes.len());
         let before = all - self.precise(&precision.alone);
         output::line(&match missed {
             0 => format!(
-                "{before} of {all} parameters are not known to {:.3} % from ordinary work; with {seconds} s more, all are",
+                "{before} of {all} parameters are not known to {:.3} % from production; with {seconds} s \
+                more, all are",
                 100.0 * self.precision
             ),
             _ => format!(
-                "{missed} of {all} parameters are not known to {:.3} % with {seconds} s more either; allow a longer motion \
-                 (--seconds), or ask for less (--precision)",
+                "{missed} of {all} parameters are not known to {:.3} % with {seconds} s more either; allow \
+                a longer motion (--seconds), or allow a larger standard deviation (--precision)",
                 100.0 * self.precision
             ),
         });

@@ -68,7 +68,7 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
         broken.iter().for_each(|sentence| output::print_hint(sentence));
         if !args.despite_broken_limits {
             output::print_hint(
-                "nothing is written: the motion breaks limits of the arm; --despite-broken-limits writes it all the same",
+                "nothing is written: the motion breaks limits of the arm; --despite-broken-limits writes it anyway",
             );
             return Ok(EXIT_FOUND);
         }

@@ -34,8 +34,8 @@ impl SurroundingsArgs {
         };
         if self.cell.is_some() && robot.shape.capsules.iter().all(|capsule| capsule.link == 0) {
             return Err(CliError::Usage(
-                "--cell: the description has no [[capsule]] of a link that moves, so nothing can be kept from the cell; \
-                 docs/trajectories.md shows how links are given a shape"
+                "--cell: the description has no [[capsule]] of a link that moves, so no clearance from the \
+                cell can be checked; docs/trajectories.md shows how to give links a shape"
                     .into(),
             ));
         }

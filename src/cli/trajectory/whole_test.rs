@@ -143,7 +143,7 @@ fn refused(broken: &[String], args: &WholeTestArgs) -> bool {
     let refused = !broken.is_empty() && !args.despite_broken_limits;
     if refused {
         output::print_hint(
-            "nothing is written: the test breaks limits of the arm; --despite-broken-limits writes it all the same",
+            "nothing is written: the test breaks limits of the arm; --despite-broken-limits writes it anyway",
         );
     }
     refused

@@ -186,8 +186,8 @@ pub(in crate::pipeline) async fn begin(
     if begun.afresh {
         tracing::warn!(
             file = %text::of_path(path), run_id = begun.run.run_id,
-            "read from the start: layout, description, settings or program are others than those that its stored \
-             cycles were made with"
+            "read from the start: layout, description, settings or program have changed since its cycles \
+            were stored"
         );
     }
     let resume = resume::of_run(pipeline, begun.run.run_id, &made_with).await?;
