@@ -123,7 +123,7 @@ async fn work(
     if !after.can_shrink && after.free_pages > 0 {
         output::print_hint(
             "later data use the free space; an earlier build created this database, and it does not shrink \
-            by itself: docs/operations.md shows how to shrink it",
+            automatically: docs/operations.md shows how to shrink it",
         );
     }
     Ok(EXIT_DONE)

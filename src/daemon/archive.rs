@@ -55,9 +55,9 @@ pub async fn after(
     let file = text::of_path(path);
     match moved(pipeline, (path, bytes), folder, run_id).await {
         Ok(Some(Archived::At(target))) => tracing::info!(%file, target = %text::of_path(&target), "archived"),
-        Ok(Some(Archived::Changed)) => tracing::info!(%file, "not archived: it changed meanwhile"),
+        Ok(Some(Archived::Changed)) => tracing::info!(%file, "not archived: it changed in the meantime"),
         Ok(None) => {}
-        Err(error) => tracing::warn!(%file, %error, "not archived; it stays where it is"),
+        Err(error) => tracing::warn!(%file, %error, "not archived; it stays at its place"),
     }
     Ok(())
 }

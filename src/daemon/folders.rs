@@ -379,7 +379,7 @@ fn watch_together(folders: Vec<PathBuf>, hints: mpsc::Sender<()>) -> threads::Se
         }
     };
     if let Err(error) = thread::Builder::new().name("folders".into()).spawn(watching) {
-        tracing::error!(%error, "no thread for file events; new exports are found by the periodic scan");
+        tracing::error!(%error, "no thread for file events; the periodic scan finds new exports");
     }
     wishes
 }

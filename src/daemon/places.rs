@@ -202,8 +202,8 @@ impl FilePlaces {
 /// Says in the log that a read hangs.
 pub(super) fn say_hanging(path: &Path) {
     tracing::warn!(
-        file = %text::of_path(path), "a read has not returned for {} s: the disk or file server does not answer; other \
-         exports are read meanwhile", SAID_AFTER.as_secs()
+        file = %text::of_path(path), "a read has not returned for {} s: the disk or file server does not \
+            answer; other exports are still read", SAID_AFTER.as_secs()
     );
 }
 

@@ -212,7 +212,7 @@ pub enum StoreError {
     /// The lease of this program has ended, and other daemons have claimed its work. The caller can try again.
     #[error(
         "the lease of this program on database {} has ended, and others have taken over its work; it \
-        continues by itself; raise lease_s under [cluster] if that happens often",
+        continues automatically; raise lease_s under [cluster] if this happens often",
         .path.display()
     )]
     LeaseEnded {
@@ -229,7 +229,8 @@ pub enum StoreError {
     },
     /// Results were offered for a run that accepts none.
     #[error(
-        "run {run_id} in database {} is not being stored; it was discarded or quarantined meanwhile, ingest its export again",
+        "run {run_id} in database {} is not being stored; it was discarded or quarantined in the meantime; \
+        ingest its export again",
         .path.display()
     )]
     RunNotOpen {

@@ -24,9 +24,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
             let folder = folder.display();
             found.push(DoctorFinding::ok(
                 CHECK,
-                format!(
-                    "{folder} is a network share ({kind}), whose files are found by a scan every {every} s"
-                ),
+                format!("{folder} is a network share ({kind}); a scan every {every} s finds its files"),
             ));
         }
     }

@@ -157,7 +157,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) ->
         output::line(&format!("nothing{of} is quarantined"));
     } else {
         let row = |fault: &QuarantineRow| {
-            let retry = if fault.retry_asked_at.is_some() { ", retry asked" } else { "" };
+            let retry = if fault.retry_asked_at.is_some() { ", retry requested" } else { "" };
             vec![
                 fault.run_id.to_string(),
                 fault.robot.clone(),

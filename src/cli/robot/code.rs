@@ -202,8 +202,8 @@ async fn identified(
     let recorded = recorded(store, &set.sources).await?;
     lines.extend(source_lines(&set.sources, &recorded).into_iter().map(|line| format!("  {line}")));
     lines.push(
-        "Each stands for a sum of link parameters, which its comment has: alone it is no property of a body, and masses that \
-         are missing are in others. All together they give the torque of the arm."
+        "Each is a sum of link parameters, listed in its comment: a single one is not a property of a body, \
+        and missing masses are part of others. Together they give the torque of the arm."
             .to_owned(),
     );
     let friction = warmth_lines(&robot, &warmth, args.friction_minute, friction_factors.as_deref());
@@ -347,12 +347,12 @@ fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
         .collect();
     let mut lines = vec!["Nominal parameters of the description: nothing here was identified.".to_owned()];
     if !robot.couplings.is_empty() {
-        lines.push("Coupled motors have no nominal parameters: what they add is left out.".to_owned());
+        lines.push("Coupled motors have no nominal parameters: their effect is omitted.".to_owned());
     }
     if robot.springs.iter().any(|spring| spring.nominal.is_none())
         || robot.parallelograms.iter().any(|of| of.nominal.is_none())
     {
-        lines.push("Springs and cranks without nominal parameters are left out.".to_owned());
+        lines.push("Springs and cranks without nominal parameters are omitted.".to_owned());
     }
     let origin = CodeOrigin {
         program: program(),

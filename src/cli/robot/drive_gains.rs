@@ -118,9 +118,9 @@ fn is_blend(entry: &FleetEntry, gain: &JointGain) -> bool {
 
 fn reason(unseen: &Unseen) -> String {
     match unseen {
-        Unseen::NoRows => "a recording has too few rows in which the joint moves".into(),
+        Unseen::NoRows => "a recording has too few rows with motion of the joint".into(),
         Unseen::NoTorque => {
-            "the load gives this joint no torque: its axis is vertical, or the load lies on it".into()
+            "the load gives this joint no torque: its axis is vertical, or the load is on it".into()
         }
         Unseen::NotApart => {
             "the joint moved differently without and with the load, so the torque of the load cannot be \

@@ -155,7 +155,7 @@ impl JudgedDates {
         }
         let effect = match self.misdated.iter().filter(|of| !of.date.is_in_order).count() {
             0 => "the order of arrival counts".to_owned(),
-            left_out if left_out == all => "no conclusion is drawn from such a recording".to_owned(),
+            left_out if left_out == all => "no conclusion uses such a recording".to_owned(),
             left_out => {
                 format!("{left_out} of {all} are excluded; the others count in the order of arrival")
             }

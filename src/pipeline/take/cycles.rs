@@ -449,7 +449,7 @@ impl RowCutter {
                 the test, or remove that key: cycles then follow from the stages",
             ),
             (_, None) => (
-                "the stage signal goes back to an earlier stage too often".to_owned(),
+                "the stage signal returns to an earlier stage too often".to_owned(),
                 "check the value of each stage under [stage] of the layout; docs/exports.md shows how to \
                 read a signal that flickers",
             ),

@@ -261,7 +261,7 @@ fn moving_kind(joint: &urdf_rs::Joint) -> Result<Option<JointKind>, String> {
     use urdf_rs::JointType;
     if joint.mimic.is_some() {
         return Err(format!(
-            "joint {} mimics another: a joint without a motor of its own cannot be in the chain; choose another tip_link",
+            "joint {} mimics another: a joint without its own motor cannot be in the chain; choose another tip_link",
             joint.name
         ));
     }

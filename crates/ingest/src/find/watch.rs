@@ -341,7 +341,7 @@ pub fn watch_folders(folders: &[PathBuf], sender: mpsc::Sender<()>) -> FolderWat
     let config = notify::Config::default().with_follow_symlinks(false);
     let watcher = RecommendedWatcher::new(handler, config)
         .inspect_err(|error| {
-            tracing::warn!(%error, "no file events on this system; new exports are found by the periodic scan");
+            tracing::warn!(%error, "no file events on this system; the periodic scan finds new exports");
         })
         .ok();
     let mut watch = FolderWatch {
@@ -376,7 +376,7 @@ impl FolderWatch {
                     if self.failed.insert(folder.clone()) {
                         tracing::warn!(
                             path = %text::of_path(folder), %error,
-                            "cannot watch the folder; new exports in it are found by the periodic scan"
+                            "cannot watch the folder; the periodic scan finds new exports in it"
                         );
                     }
                 }

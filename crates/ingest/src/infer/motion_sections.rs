@@ -206,7 +206,7 @@ fn restart(values: &[f64]) -> Option<TomlKey> {
     // a counter falls from one value
     Some(match falls.iter().any(|pair| (pair[0] - falls[0][0]).abs() > 2.0 * step) {
         true => key,
-        false => key.asked("does the file hold several recordings, each of which begins there?"),
+        false => key.asked("does the file have several recordings, one beginning at each of these rows?"),
     })
 }
 

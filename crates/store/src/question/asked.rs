@@ -48,7 +48,7 @@ pub enum QuestionError {
     /// A value has no parameter.
     #[error(
         "the statement has no parameter {name}: {}",
-        if .known.is_empty() { format!("it has none; write :{name} where the value belongs") }
+        if .known.is_empty() { format!("it has none; write :{name} at the place of the value") }
         else { format!("it has {}", .known.join(", ")) }
     )]
     NoParameter {
