@@ -241,7 +241,8 @@ impl RunningDaemon {
         for (path, attempts) in &failed {
             tracing::warn!(
                 file = %text::of_path(path), attempts,
-                "the program ended while this export was read; such exports are read one at a time, three times at most"
+                "the program ended while this export was read; such exports are read one at a time, at most \
+                three times"
             );
         }
         self.schedule.suspect(Suspects::new(began, failed));
@@ -306,7 +307,7 @@ impl RunningDaemon {
                 () = tokio::time::sleep_until(next_look.into()) => {
                     match self.look(&folders.look()).await {
                         Err(PipelineError::Store(error)) if !error.is_fatal() => {
-                            tracing::warn!(%error, "not all was looked at; looking again");
+                            tracing::warn!(%error, "not everything was scanned; scanning again");
                         }
                         looked => looked?,
                     }
@@ -350,7 +351,7 @@ impl RunningDaemon {
                 waiting = self.schedule.waiting(Instant::now()),
                 open = self.exports.count(),
                 to_conclude = stale.len() + self.concluding.len(),
-                "looked at the watched folders"
+                "scanned the watched folders"
             );
         }
         Ok(())
@@ -366,7 +367,7 @@ impl RunningDaemon {
         for some in self.schedule.unseen(files).chunks(FILES_ASKED_AT_ONCE) {
             let known = self.pipeline.known_as_they_are(some).await?;
             for path in &known {
-                tracing::debug!(file = %text::of_path(path), "known as it lies there");
+                tracing::debug!(file = %text::of_path(path), "already known, unchanged");
                 self.pipeline.metrics().export(ExportEnd::Known);
             }
             self.schedule.taken_before(known.into_iter());
@@ -385,7 +386,7 @@ impl RunningDaemon {
             match store.give_up_run(run_id, VANISHED).await {
                 Ok(_) => tracing::warn!(run_id, "{VANISHED}"),
                 Err(error) if !error.is_fatal() => {
-                    tracing::debug!(run_id, %error, "given up at the next look")
+                    tracing::debug!(run_id, %error, "given up at the next scan")
                 }
                 Err(error) => return Err(error.into()),
             }
@@ -431,8 +432,8 @@ impl RunningDaemon {
         if let Some(reading) = &mut self.rereading {
             reading.due = None;
             tracing::error!(
-                "the configuration cannot be read: no answer for {} s; the earlier one stays in force until it answers, \
-                 see whether the disk or file server of its files is there",
+                "the configuration cannot be read: no answer for {} s; the earlier one stays in force until \
+                it answers; check the disk or file server of its files",
                 REREAD_WITHIN.as_secs()
             );
         }
@@ -467,7 +468,7 @@ impl RunningDaemon {
         let noted = self.pipeline.store().note_folder(&folder, turned.looked_at, turned.answers).await;
         match noted {
             Err(error) if !error.is_fatal() => {
-                tracing::debug!(folder, %error, "`armwatch status` does not know whether it answers");
+                tracing::debug!(folder, %error, "`armwatch status` cannot show if it answers");
                 Ok(())
             }
             noted => Ok(noted?),
@@ -486,7 +487,7 @@ impl RunningDaemon {
     /// Takes over the robots that wait for conclusions, and those whose conclusions failed.
     fn take_over_stale(&mut self, stale: &[StaleRobot], faults: &[ConclusionFault]) {
         for fault in faults {
-            tracing::warn!(robot = fault.robot, "nothing new is concluded of this robot: {}", fault.reason);
+            tracing::warn!(robot = fault.robot, "no new conclusion for this robot: {}", fault.reason);
         }
         self.stale.take_over(stale, faults, Instant::now());
     }
@@ -559,7 +560,7 @@ impl RunningDaemon {
                 return Ok(());
             }
             Err(PipelineError::Task(error)) if error.is_panic() => {
-                tracing::error!(file = %text::of_path(&due.path), %error, "internal error; other exports go on");
+                tracing::error!(file = %text::of_path(&due.path), %error, "internal error; other exports continue");
                 self.pipeline.metrics().export(ExportEnd::Failed);
                 let is_growing = way == ReadMode::Growing;
                 self.schedule

@@ -15,14 +15,15 @@ Examples:
   armwatch backup /backup/armwatch.db
   armwatch backup /backup/fleet.db --db /var/lib/armwatch/armwatch.db --json
 
-Everything as of one moment, factors too, in one file; the daemon may run meanwhile. The pages of the database are checked
-first. The copy is written next to FILE, verified (integrity, references, a hash of all values of every table) and
-renamed, so that an earlier backup of that name stays until the new one is whole. Anything else at FILE, and a database that
-is in use, is left alone. The schema may be that of an earlier version of armwatch. Of a snapshot, which has no factors, no
-backup is made. It needs as much room as the database. To restore, stop the daemon and put it in the place of the database,
-see docs/operations.md. For a copy that others read, there is `armwatch snapshot`.")]
+The backup is one file with all data at one moment, including factors; the daemon may run meanwhile. The command
+first checks the pages of the database. It writes the copy next to FILE, verifies it (integrity, references, a
+hash of all values of every table) and then renames it. An earlier backup of that name therefore stays until the
+new one is complete. The command does not replace any other file at FILE, nor a database in use. The schema may be
+that of an earlier version of armwatch. A snapshot cannot be backed up, because it has no factors. The backup
+needs as much space as the database. To restore, stop the daemon and put the backup in the place of the database:
+see docs/operations.md. For a copy for other readers, use `armwatch snapshot`.")]
 pub(super) struct BackupArgs {
-    /// File to write; an earlier backup that is there is replaced
+    /// File to write; an earlier backup is replaced
     #[arg(value_name = "FILE")]
     file: PathBuf,
 }
@@ -50,7 +51,7 @@ pub(super) fn backup(global: &Global, args: &BackupArgs) -> Result<u8, CliError>
         }));
     } else {
         output::line(&format!(
-            "{file}: {:.1} MB, whole; {rows} rows in {} tables, each as in the database",
+            "{file}: {:.1} MB, verified; {rows} rows in {} tables, all equal to the database",
             backup.bytes as f64 / 1e6,
             backup.rows.len()
         ));

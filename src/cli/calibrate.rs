@@ -13,18 +13,19 @@ use armwatch_store::Store;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Prints, for each robot and joint, from which change on its level of friction is an alarm: as many standard deviations of
-the smoothed change as the rate `false_alarms_per_robot_year` of the configuration gives, and the same in per cent of
-friction, at least `drift_warning_fraction`. The delay is the expected number of tests until an alarm of a step by 5, 10
-and 15 %, the test with the step included. Nothing is changed; docs/evidence/detection.md says what is guaranteed in which
-phase.
+For each robot and joint, the command prints the smallest change in friction level that causes an alarm. The limit
+is a multiple of the standard deviation of the smoothed change; `false_alarms_per_robot_year` in the configuration
+determines the multiple. The command also prints the limit in percent of friction; it is at least
+`drift_warning_fraction`. The delay is the expected number of tests until an alarm after a step of 5, 10 and 15 %,
+including the test with the step. The command changes nothing; docs/evidence/detection.md has the guarantees of
+each phase.
 
 Examples:
   armwatch calibrate
   armwatch calibrate Left
   armwatch calibrate Left --json")]
 pub(super) struct CalibrateArgs {
-    /// The robot [default: all]
+    /// Robot [default: all]
     #[arg(value_name = "ROBOT")]
     robot: Option<String>,
 }
@@ -34,8 +35,8 @@ pub(super) fn calibrate(global: &Global, args: &CalibrateArgs) -> Result<u8, Cli
     runtime()?.block_on(async {
         let Some(store) = Store::open_existing_as(&config.database, &config.cluster).await? else {
             let words = format!(
-                "there is no database {} yet, so there is nothing to calibrate from: `armwatch run` and `armwatch ingest` \
-                 make it",
+                "there is no database {} yet, so there is no data for calibration: `armwatch run` and \
+                `armwatch ingest` create it",
                 config.database.display()
             );
             say(global, &words);
@@ -54,7 +55,7 @@ fn say(global: &Global, words: &str) {
 async fn print(global: &Global, config: &Config, store: &Store, robot: Option<&str>) -> Result<u8, CliError> {
     let known = store.tested_robots().await?;
     if known.is_empty() && robot.is_none() {
-        say(global, "no complete test is stored yet: limits follow from tests");
+        say(global, "no complete test is stored yet: limits depend on tests");
         return Ok(EXIT_DONE);
     }
     if let Some(name) = robot
@@ -86,8 +87,8 @@ async fn print(global: &Global, config: &Config, store: &Store, robot: Option<&s
 fn as_text(robot: &str, found: &Calibration, config: &Config) -> String {
     let budget = &found.budget;
     let mut text = format!(
-        "robot {}: tests {}, {:.0} a year at its present use; {} a year in {} channels: one in {:.0} tests \
-         for each",
+        "robot {}: tests {}, {:.0} per year at the present rate; {} per year in {} channels: one in {:.0} \
+        tests per channel",
         text::shown(robot),
         found.tests,
         budget.tests_per_year,
@@ -97,7 +98,7 @@ fn as_text(robot: &str, found: &Calibration, config: &Config) -> String {
     );
     if let Some(sigma) = config.detect.drift_sigma {
         text +=
-            &format!("\ndrift_sigma = {sigma} is set, so the limits of friction do not follow from the rate");
+            &format!("\ndrift_sigma = {sigma} is set, so the limits of friction do not depend on the rate");
     }
     let header = [
         "joint",
@@ -131,7 +132,7 @@ fn as_text(robot: &str, found: &Calibration, config: &Config) -> String {
         text += "\nno test has a result of a joint";
     }
     text + &format!(
-        "\na cause that one test shows must be likelier than no change by {:.1} in log-likelihood, if it is to spend no more",
+        "\na cause in a single test must be likelier than no change by {:.1} in log-likelihood, to use no more",
         found.advantage
     )
 }

@@ -14,7 +14,7 @@ Examples:
   armwatch completions zsh > ~/.zfunc/_armwatch
   armwatch completions fish > ~/.config/fish/completions/armwatch.fish")]
 pub(super) struct CompletionsArgs {
-    /// The shell
+    /// Name of the shell
     #[arg(value_enum)]
     shell: Shell,
 }

@@ -16,15 +16,16 @@ Examples:
   armwatch conclude --from 2023-05-01
   armwatch conclude Front --from 2023-05-01T06:00 --json
 
-Conclusions are drawn whenever a test or a production log is stored. They use the first tests of each baseline and about the
-last 1,000 tests (500 logs) of a robot. Earlier anomalies stay as they were. A test that arrives later with an earlier start
-is stored, but no conclusion uses it; `armwatch explain FILE` says so. This command judges the history from the date on
-again, with all tests that have arrived since, and under the present configuration. It takes about half a second per 1,000
-tests. Anomalies keep their numbers and what people said of them.")]
+armwatch draws conclusions whenever it stores a test or a production log. They use the first tests of each
+baseline and about the last 1,000 tests (500 logs) of a robot. Earlier anomalies do not change. A test with an
+earlier start that arrives later is stored, but no conclusion uses it; `armwatch explain FILE` reports this. This
+command evaluates the history again from the given date, with all tests that have arrived since, and with the
+present configuration. It takes about half a second per 1,000 tests. Anomalies keep their numbers and their
+answers.")]
 pub(super) struct ConcludeArgs {
-    /// Robot; all robots without it
+    /// Robot [default: all]
     robot: Option<String>,
-    /// Time from which the history is judged again, UTC: a date, a date with time, or RFC 3339 with an offset
+    /// Time from which the history is evaluated again, UTC: a date, a date with time, or RFC 3339 with an offset
     #[arg(long, value_name = "TIME", value_parser = moment)]
     from: Timestamp,
 }

@@ -41,23 +41,23 @@ pub const ANY_PROCESSOR: &str = "ARMWATCH_ANY_PROCESSOR";
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = GLOBAL_HEADING)]
 pub struct Global {
-    /// Database file, or postgres://USER@HOST/NAME, instead of the configuration's
+    /// Database file or postgres://USER@HOST/NAME, instead of the configured one
     #[arg(long, global = true, value_name = "DATABASE")]
     pub db: Option<PathBuf>,
-    /// Configuration file [default: $ARMWATCH_CONFIG, else config/armwatch.toml, else
-    /// armwatch.toml, else the shipped settings]
+    /// Configuration file [default: the first of $ARMWATCH_CONFIG, config/armwatch.toml, armwatch.toml and the
+    /// shipped settings]
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Print results as JSON, one object a line
+    /// Print results as JSON, one object per line
     #[arg(long, global = true)]
     pub json: bool,
-    /// More log lines; twice for all
+    /// Print more log lines; twice for all
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
-    /// Fewer log lines; twice for errors only
+    /// Print fewer log lines; twice for errors only
     #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "verbose")]
     pub quiet: u8,
-    /// How log lines look: for people, or one JSON object a line
+    /// Form of log lines: text for people, or one JSON object per line
     #[arg(long, global = true, value_name = "FORMAT", value_enum, default_value_t = LogFormat::Text)]
     pub log_format: LogFormat,
 }
@@ -176,7 +176,7 @@ pub(super) fn require_database(config: &Config) -> Result<(), CliError> {
 
 fn no_database(config: &Config) -> CliError {
     CliError::Io(format!(
-        "there is no database {}: `armwatch run` and `armwatch ingest` make it; name another one with --db",
+        "there is no database {}: `armwatch run` and `armwatch ingest` create it; name another one with --db",
         shown_database(&config.database)
     ))
 }

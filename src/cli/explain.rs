@@ -37,15 +37,15 @@ Examples:
   armwatch explain inbox/*.csv --json | \\
       jq 'select(.next != \"nothing\") | .problems'
 
-Says of each export whose it is and why, how its columns are read, which stages and cycles it has, what the
-analysis has to say of it, whether its content is stored already, and what `armwatch run` would do with it. It is
-read and analysed exactly as `armwatch ingest` does; nothing is written, and the database is only looked at.
-Exit status 1 if an export would be quarantined.")]
+For each export, the command prints the robot and how it was recognised, the reading of the columns, the stages
+and cycles, and the findings of the analysis. It also prints if the content is already stored, and the action that
+`armwatch run` would take. It reads and analyses the export exactly as `armwatch ingest` does, but writes nothing
+and only reads the database. Exit status 1 if an export would be quarantined.")]
 pub(super) struct ExplainArgs {
     /// Exports
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Read and cut only; leave out the analysis of the cycles
+    /// Read the export and find its cycles, but do not analyse them
     #[arg(long)]
     quick: bool,
 }
@@ -111,7 +111,7 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
     let from = match &of.entry.layout.start {
         Some(start) => format!("from column {} of its first row", start.column),
         None if of.named_start => "from the file's name".to_owned(),
-        None => "the file's time, as its name has none".to_owned(),
+        None => "the time of the file, because its name has none".to_owned(),
     };
     let by = match &of.pattern {
         Some(pattern) => format!("by recognition.file_name '{pattern}'"),
@@ -133,9 +133,9 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
 fn parts_text(of: &Explanation, layout: &Layout) -> Option<String> {
     let files = Parts::of(&of.path)?.files();
     let how = match layout.parts.as_ref().map_or(PartMatch::After, |rule| rule.matching) {
-        PartMatch::Row => "rows of the same number stand side by side",
-        PartMatch::Time => "rows of the same time stand side by side",
-        PartMatch::After => "one follows the other",
+        PartMatch::Row => "joined by row number",
+        PartMatch::Time => "joined by time",
+        PartMatch::After => "one after the other",
     };
     let names: Vec<String> = files.iter().map(|(_, file)| text::of_file_name(file)).collect();
     Some(format!("{} parts, {how}: {}", names.len(), names.join(", ")))
@@ -155,11 +155,11 @@ fn slower_texts(layout: &Layout, of: &ExportReading) -> Vec<String> {
         }
         let then = match how {
             Slower::Hold => format!(
-                "the last value is held, so it is {:.1} ms late on average; delay_s corrects that",
+                "the last value is held, so it is {:.1} ms late on average; delay_s corrects this",
                 500.0 * (period - step)
             ),
             Slower::Resample => {
-                "rows between lie on the straight line, without a delay; faster changes are lost".to_owned()
+                "rows between are interpolated linearly, without a delay; faster changes are lost".to_owned()
             }
         };
         Some(format!("{name} has a value in {count} of {} rows, {:.1} Hz: {then}", filled.rows, 1.0 / period))
@@ -180,7 +180,7 @@ fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<Stri
     }
     lines.extend(slower_texts(layout, of).iter().map(|text| topic("rate", text)));
     if layout.stage.kind().run_kind() == RunKind::Production {
-        lines.push(topic("kind", "production: no stages, held against the parameters of the robot's tests"));
+        lines.push(topic("kind", "production: no stages, compared with the parameters of the robot's tests"));
     }
     if !of.cycles.is_empty() {
         lines.push(topic("cycles", &of.cycles.len().to_string()));
@@ -271,7 +271,7 @@ fn stage_table(cycles: &[CycleSketch]) -> String {
                         format!("{shown} parameters{doubtful}")
                     }
                     (Err(_), Some(_)) => "refused".into(),
-                    (Err(_), None) => "held against a test".into(),
+                    (Err(_), None) => "compared with a test".into(),
                 },
             });
             row
@@ -317,7 +317,7 @@ fn friction_text(robot: &Robot, cycles: &[CycleSketch]) -> impl Iterator<Item = 
                 .filter(|level| !found.iter().any(|known| same_level(*known, *level)))
                 .collect();
             match (found.is_empty(), missing.is_empty()) {
-                (true, _) => format!("joint {joint}: no level seen"),
+                (true, _) => format!("joint {joint}: no level found"),
                 (false, true) => format!("joint {joint}: {}", percent(found)),
                 (false, false) => format!("joint {joint}: {}; missing {}", percent(found), percent(&missing)),
             }
@@ -333,7 +333,7 @@ fn problems(of: &Explanation) -> Vec<String> {
     let Some(reading) = &of.reading else { return problems };
     problems.extend(
         reading.left_out.map(|LeftOut { line, reason }| {
-            format!("line {line}: the last line {reason}; the row is left out")
+            format!("line {line}: the last line {reason}; the row is skipped")
         }),
     );
     if reading.passed_over.rows > 0 {
@@ -388,7 +388,7 @@ fn passed_over_text(passed_over: &PassedOver, of: &Explanation) -> String {
         .first
         .as_ref()
         .map_or_else(String::new, |first| format!("; the first: {}", first.sentence()));
-    format!("{rows} bad row{s} {are} passed over, the layout permits {permitted} (skip_bad){first}")
+    format!("{rows} bad row{s} {are} skipped, the layout permits {permitted} (skip_bad){first}")
 }
 
 fn ledger_text(of: &Ledger) -> String {
@@ -412,18 +412,18 @@ fn next_text(config: &Config, of: &Explanation) -> String {
     let settle = config.watch.settle.as_secs_f64();
     let wait = match of.age_s {
         Some(age) if age < settle => format!(
-            "written {age:.1} s ago; a plain file is taken cycle by cycle as it grows, and is done when it has stood \
-             still for {settle} s: "
+            "written {age:.1} s ago; a plain file is read cycle by cycle as it grows, and is complete after \
+            {settle} s without a change: "
         ),
         _ => String::new(),
     };
     let then = match &of.next {
         NextAction::Nothing { run_id } => format!("nothing: the content is run {run_id}"),
         NextAction::Quarantine => {
-            "quarantined, because of the first problem; whole cycles before it are stored".into()
+            "quarantined because of the first problem; complete cycles before it are stored".into()
         }
         NextAction::Store { continues, replaces } => {
-            let continues = continues.map(|run| format!(", going on with run {run}")).unwrap_or_default();
+            let continues = continues.map(|run| format!(", continuing run {run}")).unwrap_or_default();
             let instead = replaces.map(|run| format!(", superseding run {run}")).unwrap_or_default();
             format!("stored{continues}{instead}")
         }

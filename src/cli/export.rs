@@ -25,45 +25,46 @@ Examples:
   armwatch export cycle_parameters -o parameters.parquet
   armwatch export --parquet history --by-month --since 2026-10-01
 
-Without VIEW, every public view is written, each to a file of its name: fleet/runs.parquet. Parquet has times as
-timestamps (UTC), and in the metadata of each field its unit and what it means; CSV has every digit, and nothing for
-NULL. The file of the view view_columns says the same of all columns: `armwatch sql --schema` shows it.
+By default every public view is written to a file of its name, such as fleet/runs.parquet. Parquet files have
+times as timestamps (UTC). The metadata of each field have its unit and meaning. CSV files have all digits; NULL
+is empty. The view view_columns, and `armwatch sql --schema`, describe all columns.
 
-All files are of one moment; the daemon may run. They get their names together once all are whole, in place of those of
-an earlier export. A file that is no export of its view is replaced with --force only.
+All files show the database at one moment; the daemon may run. The command writes every file before it renames
+any, so that an earlier export is replaced as a whole. It replaces a file that is no export of its view only with
+--force.
 
-With --by-month, views with the rows of runs become folders: fleet/cycles/robot=R01/month=2026-11/cycles.parquet, which
-DuckDB, polars, Spark and others read as one table. A file whose rows have not changed is left alone, so that only what is
-new has to be copied elsewhere.")]
+--by-month turns views with rows of runs into folders: fleet/cycles/robot=R01/month=2026-11/cycles.parquet.
+DuckDB, polars, Spark and others read them as one table. A file whose rows have not changed is not written again,
+so that only new files need to be copied elsewhere.")]
 #[command(group(ArgGroup::new("destination").args(["csv", "parquet", "output"]).required(true)))]
 pub(super) struct ExportArgs {
     /// Views to write [default: all]
     #[arg(value_name = "VIEW", value_parser = view_names(), hide_possible_values = true)]
     views: Vec<String>,
-    /// Write VIEW.csv into this folder, which is made where there is none
-    #[arg(help_heading = "Where to", long, value_name = "DIR")]
+    /// Write VIEW.csv into this folder; created if missing
+    #[arg(help_heading = "Destination", long, value_name = "DIR")]
     csv: Option<PathBuf>,
     /// Write VIEW.parquet into this folder
-    #[arg(help_heading = "Where to", long, value_name = "DIR")]
+    #[arg(help_heading = "Destination", long, value_name = "DIR")]
     parquet: Option<PathBuf>,
     /// Write one view to this file; its name ends with .csv or .parquet
-    #[arg(help_heading = "Where to", short, long, value_name = "FILE", requires = "views")]
+    #[arg(help_heading = "Destination", short, long, value_name = "FILE", requires = "views")]
     output: Option<PathBuf>,
-    /// Only rows of this robot; may be repeated
-    #[arg(help_heading = "Which rows", long, value_name = "NAME")]
+    /// Write only rows of this robot; may be repeated
+    #[arg(help_heading = "Rows", long, value_name = "NAME")]
     robot: Vec<String>,
-    /// Only runs that began at this time or later, UTC: a date, a date with time, or RFC 3339 with an offset
-    #[arg(help_heading = "Which rows", long, value_name = "TIME", value_parser = moment)]
+    /// Write only runs that began at this time or later, UTC: a date, a date with time, or RFC 3339 with an offset
+    #[arg(help_heading = "Rows", long, value_name = "TIME", value_parser = moment)]
     since: Option<Timestamp>,
-    /// Only runs that began before this time
-    #[arg(help_heading = "Which rows", long, value_name = "TIME", value_parser = moment)]
+    /// Write only runs that began before this time
+    #[arg(help_heading = "Rows", long, value_name = "TIME", value_parser = moment)]
     until: Option<Timestamp>,
-    /// Divide views with the rows of runs by robot and month of the run's start; --since and --until are widened to whole
-    /// months
-    #[arg(help_heading = "Where to", long, conflicts_with = "output")]
+    /// Split views with rows of runs by robot and by month of the run's start; --since and --until are extended to
+    /// whole months
+    #[arg(help_heading = "Destination", long, conflicts_with = "output")]
     by_month: bool,
-    /// Replace files that are no exports
-    #[arg(help_heading = "Where to", long)]
+    /// Replace files that `armwatch export` did not write
+    #[arg(help_heading = "Destination", long)]
     force: bool,
 }
 
@@ -106,21 +107,20 @@ fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
                 .into_iter()
                 .find(|format| path.extension().is_some_and(|suffix| suffix == format.suffix()));
             let format = format.ok_or_else(|| {
-                CliError::Usage(format!(
-                    "the name of {} ends neither with .csv nor with .parquet",
-                    path.display()
-                ))
+                CliError::Usage(format!("the name of {} must end with .csv or .parquet", path.display()))
             })?;
             let destinations: Vec<_> = views.map(|view| Destination { view, path: path.clone() }).collect();
             if destinations.len() > 1 {
                 return Err(CliError::Usage(
-                    "--output takes one view; several go to a folder with --csv or --parquet".into(),
+                    "--output accepts one view; use --csv or --parquet for a folder with several".into(),
                 ));
             }
             (format, destinations)
         }
         (None, None, None) => {
-            return Err(CliError::Usage("say where to: --csv DIR, --parquet DIR or --output FILE".into()));
+            return Err(CliError::Usage(
+                "give the destination: --csv DIR, --parquet DIR or --output FILE".into(),
+            ));
         }
     };
     let (since, until) = match args.by_month {

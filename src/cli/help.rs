@@ -12,9 +12,9 @@ const MAX_WIDTH: usize = 100;
 
 /// Commands by purpose. A command in no group is listed at the end.
 const GROUPS: [(&str, &[&str]); 6] = [
-    ("Look at robots", &["status", "robots", "runs", "cycles", "sql", "snapshot", "export"]),
+    ("View robots", &["status", "robots", "runs", "cycles", "sql", "snapshot", "export"]),
     ("Answer alarms", &["alerts", "maintenance", "calibrate"]),
-    ("Take exports", &["run", "ingest", "explain", "quarantine", "conclude", "run-date", "set-aside"]),
+    ("Read exports", &["run", "ingest", "explain", "quarantine", "conclude", "run-date", "set-aside"]),
     (
         "Identify, verify, plot",
         &["identify", "parameters", "payload", "verify", "torque", "rmsd", "friction", "report"],
@@ -23,7 +23,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
         "Set up",
         &["config", "robot", "layout", "trajectory", "doctor", "backup", "prune", "completions", "man"],
     ),
-    ("Try and measure", &["demo", "simulate"]),
+    ("Try and simulate", &["demo", "simulate"]),
 ];
 
 /// Heading of commands in no group.
@@ -108,7 +108,7 @@ pub(super) fn dressed(command: Command) -> Command {
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{groups}{}\n{{options}}{{after-help}}",
         headed(GLOBAL_HEADING)
     );
-    let help = "Print help; --help says more than -h";
+    let help = "Print help; --help prints more than -h";
     let help = Arg::new("help").short('h').long("help").action(ArgAction::Help).help(help);
     let version = "Print the version";
     let version = Arg::new("version").short('V').long("version").action(ArgAction::Version).help(version);

@@ -30,18 +30,18 @@ Examples:
   armwatch runs --status quarantined
   armwatch runs --kind production --csv
 
-The newest run comes first. The number in the first column is what --run of other commands takes.")]
+The first column has the number of the run. Other commands accept this number with --run.")]
 pub(super) struct RunsArgs {
-    /// Only runs of this robot
+    /// Show only runs of this robot
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
-    /// Only runs with this status
+    /// Show only runs with this status
     #[arg(long, value_name = "STATUS", value_parser = PossibleValuesParser::new(RunStatus::ALL.map(RunStatus::name)))]
     status: Option<String>,
-    /// Only tests, or only logs of ordinary work
+    /// Show only tests, or only production logs
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new([RunKind::Test, RunKind::Production].map(RunKind::name)))]
     kind: Option<String>,
-    /// So many at most
+    /// Show at most this many
     #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,
     #[command(flatten)]
@@ -55,16 +55,16 @@ Examples:
   armwatch cycles --robot R07 --status refused
   armwatch cycles --run 12 --json | jq .residual_std_nm")]
 pub(super) struct CyclesArgs {
-    /// Only cycles of this run
+    /// Show only cycles of this run
     #[arg(long, value_name = "RUN_ID", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..))]
     run: Option<i64>,
-    /// Only cycles of this robot
+    /// Show only cycles of this robot
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
-    /// Only cycles with this status
+    /// Show only cycles with this status
     #[arg(long, value_name = "STATUS", value_parser = ["complete", "doubtful", "refused"])]
     status: Option<String>,
-    /// So many at most, the newest
+    /// Show at most this many, the newest
     #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,
     #[command(flatten)]
@@ -72,7 +72,7 @@ pub(super) struct CyclesArgs {
 }
 
 const NO_RUN: &str =
-    "no run is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders";
+    "no run is stored yet: `armwatch ingest FILE` reads an export, `armwatch run` watches folders";
 
 pub(super) fn robots(global: &Global, args: &RobotsArgs) -> Result<u8, CliError> {
     let table = asked(global, &ListFilter::default(), async |store| store.robot_list().await)?;
@@ -90,7 +90,7 @@ pub(super) fn runs(global: &Global, args: &RunsArgs) -> Result<u8, CliError> {
     };
     let table = asked(global, &wanted, async |store| store.run_list(&wanted).await)?;
     let is_asked = args.robot.is_some() || args.status.is_some() || args.kind.is_some();
-    rows::print(&table, args.rows, global.json, if is_asked { "no run is as asked for" } else { NO_RUN })?;
+    rows::print(&table, args.rows, global.json, if is_asked { "no run matches" } else { NO_RUN })?;
     say_limit(&table, args.limit);
     Ok(EXIT_DONE)
 }
@@ -105,7 +105,7 @@ pub(super) fn cycles(global: &Global, args: &CyclesArgs) -> Result<u8, CliError>
     };
     let table = asked(global, &wanted, async |store| store.cycle_list(&wanted).await)?;
     let is_asked = args.robot.is_some() || args.status.is_some() || args.run.is_some();
-    rows::print(&table, args.rows, global.json, if is_asked { "no cycle is as asked for" } else { NO_RUN })?;
+    rows::print(&table, args.rows, global.json, if is_asked { "no cycle matches" } else { NO_RUN })?;
     say_limit(&table, args.limit);
     Ok(EXIT_DONE)
 }

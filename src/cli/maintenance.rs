@@ -27,34 +27,39 @@ Examples:
   armwatch maintenance --list Left --json
   armwatch maintenance --remove 7
 
-Work on a joint, or on the whole arm without --joint, begins a new baseline: tests that start at its time or later
-are compared with the first full ones among them, and no longer with those before. Enter what changes friction,
-dynamics or sensors: gearbox, grease, brake, motor, encoder, load; not a cleaning. The history is judged again at
-once, or within a minute by a running daemon. An entry with a wrong time or joint is removed and made anew.
+Work on a joint, or on the whole arm without --joint, begins a new baseline. Later tests are compared with the
+first full tests after the work, and no longer with those before it. Enter work that changes friction, dynamics or
+sensors: gearbox, grease, brake, motor, encoder, load. Do not enter a cleaning. The history is evaluated again
+immediately, or within a minute by a running daemon. To correct a wrong time or joint, remove the entry and enter
+it again.
+
+Alarms of the joint that began before the work, and that are open, acknowledged or shelved, change to the state
+maintenance. Without --joint, this includes alarms of all joints and of the arm. The first test of the new
+baseline ends the alarms that were based on the old one. An alarm that a later run still shows is open again.
 
 Alarms of the joint that began before the work, and that are open, acknowledged or shelved, are in the state maintenance
 from then on. Without --joint, so are those of all joints and of the arm. The first test of the new baseline ends those
 that were compared with the old one. One that a later run still shows is open again.")]
 pub(super) struct MaintenanceArgs {
-    /// Robot that was worked on; with --list, whose work is listed [default there: all]
+    /// Robot; with --list, list only work on this robot [default: all]
     #[arg(value_name = "ROBOT", required_unless_present_any = ["list", "remove"])]
     robot: Option<String>,
-    /// What was done
+    /// Description of the work
     #[arg(long, value_name = "TEXT", required_unless_present_any = ["list", "remove"], value_parser = said)]
     what: Option<String>,
-    /// The joint, from 1 [default: the whole arm]
+    /// Joint, from 1 [default: the whole arm]
     #[arg(long, value_name = "JOINT", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
-    /// When it was done, UTC: a date, a date with time, or RFC 3339 with an offset [default: now]
+    /// Time of the work, UTC: a date, a date with time, or RFC 3339 with an offset [default: now]
     #[arg(long, value_name = "TIME", value_parser = moment)]
     at: Option<Timestamp>,
-    /// Who says so [default: the user's name]
+    /// Name of the person [default: the user's name]
     #[arg(long, value_name = "NAME", value_parser = said)]
     by: Option<String>,
-    /// List the work that was entered, in the order of its time
+    /// List the entered work in order of time
     #[arg(long, conflicts_with_all = ["what", "joint", "at", "by", "remove"])]
     list: bool,
-    /// Remove the entry of this number, as --list shows it
+    /// Delete the entry with this number, as shown by --list
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..), conflicts_with_all = ["robot", "what", "joint", "at", "by"])]
     remove: Option<i64>,
 }
@@ -83,8 +88,8 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>) -> Result<u8,
     } else if rows.is_empty() {
         let of = robot.map(|name| format!(" on {name}")).unwrap_or_default();
         output::line(&format!(
-            "no work{of} was entered: every joint is compared with its first tests; `armwatch maintenance ROBOT --what \
-             TEXT` enters some"
+            "no work{of} was entered: every joint is compared with its first tests; `armwatch maintenance \
+            ROBOT --what TEXT` enters work"
         ));
     } else {
         let cells = |row: &MaintenanceRow| {
@@ -131,7 +136,7 @@ async fn enter(
         Err(NotEntered::NoRobot) => return Err(unknown_robot(store, &robot).await),
         Err(NotEntered::Known(row)) => {
             return Err(CliError::Usage(format!(
-                "this work is entered already, as number {}: {row}; `armwatch maintenance --list {robot}` shows all",
+                "this work is already entered, as number {}: {row}; `armwatch maintenance --list {robot}` shows all",
                 row.work.maintenance_id
             )));
         }
@@ -150,7 +155,7 @@ async fn enter(
             new.what
         ));
         output::line(&format!(
-            "             tests from then on have a new baseline{}; `armwatch maintenance --remove {number}` takes it back",
+            "             later tests have a new baseline{}; `armwatch maintenance --remove {number}` undoes this",
             outcome.words()
         ));
     }
@@ -171,7 +176,7 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
         output::json(&value);
     } else {
         output::line(&format!("removed      {number}: {row}"));
-        output::line(&format!("             the baseline before it counts again{}", outcome.words()));
+        output::line(&format!("             the earlier baseline is valid again{}", outcome.words()));
     }
     Ok(EXIT_DONE)
 }
@@ -180,13 +185,14 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
 fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
     if at < Timestamp::UNIX_EPOCH {
         return Err(format!(
-            "--at {} lies before 1970; look at the year, which has four digits, as in 2026-03-01",
+            "--at {} is before 1970; check the year, which has four digits, as in 2026-03-01",
             minute(at)
         ));
     }
     if at > now {
         return Err(format!(
-            "--at {} lies ahead; enter work once it is done, since tests before it are compared with the old baseline",
+            "--at {} is in the future; enter work after it is done, because earlier tests are compared with \
+            the old baseline",
             minute(at)
         ));
     }
@@ -232,7 +238,8 @@ mod tests {
         let year = check_time(time("0020-01-01T00:00:00Z"), now);
         assert!(year.is_err_and(|words| words.contains("before 1970") && words.contains("2026-03-01")));
         assert!(
-            check_time(time("2026-03-01T14:31:00Z"), now).is_err_and(|words| words.contains("lies ahead"))
+            check_time(time("2026-03-01T14:31:00Z"), now)
+                .is_err_and(|words| words.contains("is in the future"))
         );
     }
 }

@@ -19,10 +19,11 @@ Examples:
   armwatch man ~/.local/share/man/man1
   armwatch man /usr/local/share/man/man1
 
-One page a command: armwatch.1, armwatch-ingest.1, armwatch-alerts-show.1 and so on. A folder man1 below a folder of
-MANPATH, as in the examples, is found by `man armwatch` at once. Pages of an earlier version are replaced.")]
+There is one page per command: armwatch.1, armwatch-ingest.1, armwatch-alerts-show.1 and so on. `man armwatch`
+finds a folder man1 below a folder of MANPATH immediately, as in the examples. Pages of an earlier version are
+replaced.")]
 pub(super) struct ManArgs {
-    /// Folder to write to; made if missing
+    /// Folder to write to; created if missing
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }
@@ -47,7 +48,11 @@ pub(super) fn man(global: &Global, args: &ManArgs, command: Command) -> Result<u
     if global.json {
         output::json(&json!({"folder": folder.display().to_string(), "pages": pages}));
     } else {
-        output::line(&format!("{pages} pages in {}; look with `man {}`", folder.display(), first.display()));
+        output::line(&format!(
+            "{pages} pages in {}; read them with `man {}`",
+            folder.display(),
+            first.display()
+        ));
     }
     Ok(EXIT_DONE)
 }

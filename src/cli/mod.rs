@@ -56,16 +56,17 @@ Examples:
 Exit status:
   0    done
   1    done, but an export was quarantined or a check found something
-  2    wrong command line or configuration; or what the command asks for is not
-       there, or cannot be had from what is stored
-  70   a fault of the program itself
+  2    wrong command line or configuration; or the stored data do not contain
+       the requested result
+  70   internal error of the program
   74   database is missing, or database or file could not be read or written
   130  stopped by a signal; run again to continue
 
-Times are UTC, units SI. Results go to standard output, progress and logs to standard error. Output is coloured on a
-terminal; NO_COLOR=1 in the environment turns that off. Each command has examples and texts of its own in --help.";
+Times are in UTC, units are SI. Results go to standard output, progress and logs to standard error. Output to a
+terminal has colours; NO_COLOR=1 in the environment turns them off. Each command has its own examples and
+explanations in --help.";
 
-/// Watch exports of robot arms for drift of friction and dynamics
+/// Watch exports of robot arms for changes in friction and dynamics
 #[derive(Debug, Parser)]
 #[command(name = "armwatch", version, long_about = env!("CARGO_PKG_DESCRIPTION"), after_help = EXIT_CODES_HELP)]
 pub struct Cli {
@@ -106,82 +107,82 @@ enum Command {
     Demo(demo::command::DemoArgs),
     /// Watch the configured folders until stopped
     Run(run::RunArgs),
-    /// Take files or folders through the pipeline once
+    /// Read exports from files or folders once
     Ingest(ingest::IngestArgs),
-    /// The fleet at a glance: joints, alarms, quarantine, live exports
+    /// Show the fleet: joints, alarms, quarantine, live exports
     Status(status::StatusArgs),
-    /// Robots, with their tests and where they stand
+    /// List robots with their tests and state
     Robots(lists::RobotsArgs),
-    /// Runs, the newest first
+    /// List runs, newest first
     Runs(lists::RunsArgs),
-    /// Cycles, the newest first
+    /// List cycles, newest first
     Cycles(lists::CyclesArgs),
-    /// Ask the database in SQL, for reading only
+    /// Query the database in SQL, read only
     Sql(sql::SqlArgs),
     /// Write a copy of the database that any user can read
     Snapshot(snapshot::SnapshotArgs),
-    /// Write a copy of everything that is stored, looked through
+    /// Write a verified copy of the whole database
     Backup(backup::BackupArgs),
-    /// Whether machine, configuration and database are fit
+    /// Check the computer, the configuration and the database
     Doctor(doctor::DoctorArgs),
-    /// Take away factors that have had their time; results stay
+    /// Delete expired factors; results stay
     Prune(prune::PruneArgs),
     /// Write the public views as CSV or Parquet files
     Export(export::ExportArgs),
-    /// Exports that were not understood: list, explain, retry, dismiss
+    /// List, explain, retry or dismiss exports that could not be read
     Quarantine(quarantine::command::QuarantineArgs),
-    /// Judge a history again from a time on
+    /// Evaluate a history again from a given time
     Conclude(conclude::ConcludeArgs),
     /// Correct or confirm the start of runs
     RunDate(one_run::RunDateArgs),
-    /// Leave runs out of conclusions, or take them in again
+    /// Exclude runs from conclusions, or include them again
     SetAside(one_run::SetAsideArgs),
-    /// Enter work on a robot, which begins a new baseline
+    /// Enter work on a robot and begin a new baseline
     Maintenance(maintenance::MaintenanceArgs),
-    /// Anomalies: list and show them, say what is done about them
+    /// List, show and answer anomalies
     Alerts(alerts::command::AlertsArgs),
-    /// What would become of an export; nothing is stored
+    /// Show how an export would be read; store nothing
     Explain(explain::ExplainArgs),
-    /// Identify one parameter set on chosen cycles
+    /// Identify one parameter set from chosen cycles
     Identify(identify::args::IdentifyArgs),
-    /// List, show or delete what `identify --save` keeps
+    /// List, show or delete saved parameter sets
     Parameters(parameters::ParametersArgs),
-    /// Mass, centre and inertia of what an arm carries
+    /// Estimate mass, centre of mass and inertia of a payload
     Payload(payload::PayloadArgs),
     /// Verify parameters against other runs
     Verify(verify::VerifyArgs),
-    /// Measured and estimated torque of one cycle
+    /// Show measured and estimated torque of one cycle
     Torque(torque::TorqueArgs),
-    /// RMSD of a run by cycle and stage
+    /// Show the RMSD of a run by cycle and stage
     Rmsd(rmsd::RmsdArgs),
-    /// Friction over time, speed and runs; the friction index
+    /// Show friction over time, speed and runs, or the friction index
     Friction(friction::command::FrictionArgs),
-    /// A run or a robot on one page, in words, figures and tables
+    /// Write a report on a run or a robot, on one page
     Report(report::command::ReportArgs),
-    /// Write exports of an arm, with chosen faults and a truth file
+    /// Write simulated exports with chosen faults and a truth file
     Simulate(Box<simulate::command::SimulateArgs>),
-    /// Test motions for an arm: design, check, export, plot
+    /// Design, check, export and plot test motions for an arm
     Trajectory {
         #[command(subcommand)]
         command: TrajectoryCommand,
     },
-    /// Robot descriptions: check one, drive gains, URDF, MuJoCo, code
+    /// Check robot descriptions; write drive gains, URDF, MuJoCo, code
     Robot {
         #[command(subcommand)]
         command: RobotCommand,
     },
-    /// Layouts of exports: propose one for an unknown export
+    /// Propose a layout for an unknown export
     Layout {
         #[command(subcommand)]
         command: LayoutCommand,
     },
-    /// From which change of friction on there is an alarm, and how soon
+    /// Show the smallest change in friction that causes an alarm
     Calibrate(calibrate::CalibrateArgs),
-    /// Completions of commands and options for a shell
+    /// Print shell completions of commands and options
     Completions(completions::CompletionsArgs),
-    /// Manual pages, one a command
+    /// Write manual pages, one per command
     Man(man::ManArgs),
-    /// The configuration: check it, show it, write one to edit
+    /// Check, show or create the configuration
     Config {
         #[command(subcommand)]
         command: ConfigCommand,
@@ -190,29 +191,29 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum RobotCommand {
-    /// Kinematics, base parameters with their groupings, rank and condition number
+    /// Check a description: kinematics, base parameters with groupings, rank, condition number
     Check(robot::check::RobotCheckArgs),
-    /// Drive gains from two recordings, without and with a known load
+    /// Estimate drive gains from two recordings, without and with a known load
     DriveGains(robot::drive_gains::DriveGainsArgs),
-    /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
+    /// Write the identified bodies of all links as a URDF file
     Urdf(robot::urdf::RobotUrdfArgs),
-    /// Identified bodies, armature and friction as a MuJoCo file
+    /// Write identified bodies, armature and friction as a MuJoCo file
     Mjcf(robot::mjcf::RobotMjcfArgs),
-    /// Feed-forward code: the torque function of a model as C, Rust or Python source
+    /// Write the torque function of a model as C, Rust or Python source
     Code(robot::code::RobotCodeArgs),
 }
 
 #[derive(Debug, Subcommand)]
 enum TrajectoryCommand {
-    /// Search an excitation trajectory within the limits of an arm, and predict what it tells
+    /// Design an excitation trajectory within the limits of an arm, and predict its precision
     Design(trajectory::design::DesignArgs),
-    /// Which limits a programme or a CSV of positions breaks, where and by how much
+    /// Check a programme or a CSV of positions against the limits of an arm
     Check(trajectory::check::CheckArgs),
-    /// A programme as CSV of positions, velocities and accelerations, or as waypoints
+    /// Write a programme as CSV: positions, velocities and accelerations, or waypoints
     Export(trajectory::export::TrajectoryExportArgs),
-    /// A programme in a picture, with the limits
+    /// Plot a programme with the limits of the arm
     Plot(trajectory::plot::PlotArgs),
-    /// A cycle of the whole test as CSV: excitation, friction joint by joint, warming, with the stage signals
+    /// Write a cycle of the whole test as CSV, with the stage signals
     Test(trajectory::whole_test::WholeTestArgs),
 }
 
@@ -224,13 +225,13 @@ enum LayoutCommand {
 
 #[derive(Debug, Subcommand)]
 enum ConfigCommand {
-    /// Every problem of the configuration and the files it names, with file and line
+    /// List every problem of the configuration and its files, with file and line
     #[command(after_help = "\
 Examples:
   armwatch config check
   armwatch config check --config /etc/armwatch/armwatch.toml")]
     Check,
-    /// The settings in force, and where they come from
+    /// Show the settings in force and their sources
     #[command(after_help = "\
 Examples:
   armwatch config show
@@ -278,8 +279,10 @@ pub fn execute(
     });
     ExitCode::from(match shared::output::failure() {
         Some(detail) => {
-            let text =
-                format!("standard output cannot be written: {detail}; free space there, or print elsewhere");
+            let text = format!(
+                "standard output cannot be written: {detail}; free space there, or redirect the \
+                    output elsewhere"
+            );
             shared::output::print_error(&text);
             EXIT_IO
         }
@@ -292,7 +295,7 @@ pub fn execute(
 fn or_internal(command: impl FnOnce() -> Result<u8, CliError>) -> Result<u8, CliError> {
     // no data of a command is used after its panic
     std::panic::catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {
-        Err(CliError::Internal("the program has stopped where the line above says; please report it".into()))
+        Err(CliError::Internal("the program stopped at the place in the line above; please report it".into()))
     })
 }
 

@@ -25,29 +25,31 @@ Examples:
   armwatch run-date 40 41 --as-recorded
   armwatch run-date 17 --undo
 
-The order of a robot's tests decides every comparison. A start that cannot be right is therefore named, and its run is left
-out: see docs/method.md. This command gives a run the right start, or confirms the recorded one; the run then takes part in
-all conclusions. The start as recorded stays in the column recorded_start_at of the view runs. Reading the export again,
-and a restart, keep the correction. If the file is renamed, the start in its new name counts.
+All comparisons depend on the order of a robot's tests. armwatch therefore reports a start that cannot be right
+and excludes the run: see docs/method.md. This command corrects the start of a run, or confirms the recorded one.
+The run then takes part in all conclusions. The recorded start stays in the column recorded_start_at of the view
+runs. The correction stays after a restart and after the export is read again. If the file is renamed, the start
+in its new name counts.
 
-A start more than a day in the future is refused unless --force is given: every later test would be out of order.")]
+A start more than a day in the future is refused unless --force is given, because every later test would be out of
+order.")]
 pub(super) struct RunDateArgs {
-    /// Runs, by number
+    /// Numbers of the runs
     #[arg(required = true, value_name = "RUN", value_parser = clap::value_parser!(i64).range(1..))]
     runs: Vec<i64>,
-    /// When the recording began, UTC: a date, a date with time, or RFC 3339 with an offset
+    /// Start of the recording, UTC: a date, a date with time, or RFC 3339 with an offset
     #[arg(long, value_name = "TIME", value_parser = moment, conflicts_with_all = ["as_arrived", "as_recorded", "undo"])]
     at: Option<Timestamp>,
-    /// Each began when its file arrived, as for a controller that has lost its clock
+    /// Use the arrival of each file as its start, for example if a controller has lost its clock
     #[arg(long, conflicts_with_all = ["as_recorded", "undo"])]
     as_arrived: bool,
-    /// The recorded start is right
+    /// Confirm the recorded start
     #[arg(long, conflicts_with = "undo")]
     as_recorded: bool,
-    /// Take a correction back; the recorded start is judged again
+    /// Undo a correction; the recorded start is checked again
     #[arg(long, required_unless_present_any = ["at", "as_arrived", "as_recorded"])]
     undo: bool,
-    /// Take a start in the future, as where the clock of this machine is slow
+    /// Accept a start in the future, for example if the clock of this computer is slow
     #[arg(long, conflicts_with_all = ["as_arrived", "undo"])]
     force: bool,
 }
@@ -59,17 +61,17 @@ Examples:
   armwatch set-aside 23 24 --by mueller
   armwatch set-aside 23 --undo
 
-A run that is set aside takes no part in conclusions, baselines and the status of its robot. It keeps its rows, and
-`armwatch runs` lists it. A robot without any other run is no longer in `armwatch status`. Reading the export again, and a
-restart, leave it set aside.")]
+A run that is set aside takes no part in conclusions, baselines and the status of its robot. Its rows stay, and
+`armwatch runs` lists it. `armwatch status` does not list a robot without any other run. The run stays set aside
+after a restart and after its export is read again.")]
 pub(super) struct SetAsideArgs {
-    /// Runs, by number
+    /// Numbers of the runs
     #[arg(required = true, value_name = "RUN", value_parser = clap::value_parser!(i64).range(1..))]
     runs: Vec<i64>,
-    /// Who says so [default: the user's name]
+    /// Name of the person [default: the user's name]
     #[arg(long, value_name = "NAME", value_parser = said, conflicts_with = "undo")]
     by: Option<String>,
-    /// Let the runs take part again
+    /// Include the runs again
     #[arg(long)]
     undo: bool,
 }
@@ -79,7 +81,7 @@ pub(super) fn run_date(global: &Global, args: &RunDateArgs) -> Result<u8, CliErr
         (Some(at), ..) if args.runs.len() > 1 => {
             let at = time_in_views(at);
             return Err(CliError::Usage(format!(
-                "two runs of one robot cannot both begin at {at}; name one run"
+                "two runs of a robot cannot both begin at {at}; give one run"
             )));
         }
         (Some(at), ..) => RunDecision::StartedAt(at),
@@ -98,8 +100,9 @@ fn not_in_future(start: Option<Timestamp>) -> Result<(), CliError> {
     let now = Timestamp::now();
     match start.filter(|start| start.duration_since(now) > GRACE) {
         Some(start) => Err(CliError::Usage(format!(
-            "{} is more than {} h later than now, {}: no recording can have begun then, and every later test would be out \
-             of order; give the right time or, if the clock of this machine is wrong, --force",
+            "{} is more than {} h later than now, {}: no recording can have begun then, and every later \
+            test would be out of order; give the right time or use --force if the clock of this computer is \
+            wrong",
             time_in_views(start),
             GRACE.as_hours(),
             time_in_views(now)
@@ -170,7 +173,7 @@ async fn refusal(store: &Store, run_id: i64, why: NotDecided) -> Result<CliError
             status.name()
         )),
         NotDecided::NothingToUndo => CliError::Usage(format!(
-            "there is nothing to undo of run {run_id}; `armwatch runs` shows what is set aside or corrected"
+            "there is nothing to undo for run {run_id}; `armwatch runs` shows runs that are set aside or corrected"
         )),
     })
 }

@@ -14,8 +14,8 @@ Examples:
   armwatch parameters show left-warm
   armwatch parameters delete left-warm
 
-Kept under a name are sets (`armwatch identify --save`) and histories identified again, cycle by cycle
-(`armwatch identify --each-cycle --save`). Runs and cycles are not touched by deleting one.")]
+There are two kinds of saved results: sets (`armwatch identify --save`), and histories that were identified again
+cycle by cycle (`armwatch identify --each-cycle --save`). Deleting one does not change runs and cycles.")]
 pub(super) struct ParametersArgs {
     #[command(subcommand)]
     command: ParametersCommand,
@@ -23,13 +23,13 @@ pub(super) struct ParametersArgs {
 
 #[derive(Debug, Subcommand)]
 enum ParametersCommand {
-    /// Names, with what they stand for
+    /// List names with their sets and histories
     #[command(after_help = "\
 Examples:
   armwatch parameters list
   armwatch parameters list --json")]
     List,
-    /// Values of a set
+    /// Show the values of a set
     #[command(after_help = "\
 Examples:
   armwatch parameters show left-warm
@@ -38,12 +38,12 @@ Examples:
         /// Name of the set
         name: String,
     },
-    /// Take away what is kept under a name
+    /// Delete a saved set or history
     #[command(after_help = "\
 Examples:
   armwatch parameters delete left-warm")]
     Delete {
-        /// The name
+        /// Name of the set or history
         name: String,
     },
 }
@@ -158,5 +158,5 @@ async fn delete(global: &Global, store: &Store, name: &str) -> Result<u8, CliErr
 }
 
 fn unknown(name: &str) -> CliError {
-    CliError::Usage(format!("nothing is kept as \"{name}\"; `armwatch parameters list` shows the names"))
+    CliError::Usage(format!("nothing is saved as \"{name}\"; `armwatch parameters list` shows the names"))
 }

@@ -12,16 +12,17 @@ Examples:
   armwatch payload --empty 1 --loaded 2
   armwatch payload --empty R01_2026-01-05.csv --loaded R01_2026-01-06.csv --json
 
-Mass, centre of mass and inertia of what the arm carries in one test and not in another, with 95 % intervals. Record the
-same motion twice and ingest both with one configuration. The command reads stored factors and no export. Intervals contain
-the error of the model without the load and that of the drive gains: gain_uncertainty in [[robot]], 0.15 by default. The
-frame is [tool] of the description, or without one the frame of the last joint. A dash stands for a quantity that the motion
-does not show. Exit status 1 if it does not show the mass. See docs/exports.md.")]
+The command prints mass, centre of mass and inertia of a load that the arm carries in one test but not in the
+other, with 95 % intervals. Record the same motion twice and ingest both recordings with one configuration. The
+command reads stored factors and no export. Intervals include the error of the model without the load and the
+error of the drive gains: gain_uncertainty in [[robot]], 0.15 by default. The frame is [tool] of the description,
+or the frame of the last joint if there is no [tool]. A dash marks a quantity that the motion does not show. Exit
+status 1 if the motion does not show the mass. See docs/exports.md.")]
 pub(super) struct PayloadArgs {
-    /// Test without the load: number of a run, or name of its export
+    /// Test without the load: number of the run or name of its export
     #[arg(long, value_name = "RUN")]
     empty: String,
-    /// Test with the load: number of a run, or name of its export
+    /// Test with the load: number of the run or name of its export
     #[arg(long, value_name = "RUN")]
     loaded: String,
 }
@@ -50,7 +51,7 @@ fn as_text(found: &RunPayload) -> String {
     let rows: Vec<Vec<String>> = found.quantities.iter().map(row).collect();
     let [empty, loaded] = found.cycles;
     let mut text = format!(
-        "{}: run {} ({loaded} cycles) against run {} ({empty} cycles)\n{}\ndrive gains: off by up to {:.0} %",
+        "{}: run {} ({loaded} cycles) compared with run {} ({empty} cycles)\n{}\ndrive gains: error up to {:.0} %",
         found.robot,
         found.loaded_run_id,
         found.empty_run_id,

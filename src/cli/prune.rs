@@ -24,26 +24,26 @@ Examples:
   armwatch prune
   armwatch prune --older-than 30 --json
 
-Results are kept for ever: parameters, friction, checks of ordinary work, alarms. What goes are factors of cycles, which
-only `identify`, `verify` and a changed estimator need; [retention] in the configuration says after how many days. Those
-of tests are removed. Those of ordinary work are joined, so that a whole log can still be verified against. Never
-touched are runs that are being read, robots of which conclusions are still to be drawn, a robot's last eight tests, and
-the tests of its baselines.
+Results stay for ever: parameters, friction, checks of production, alarms. The command deletes factors of cycles,
+which only `identify`, `verify` and a changed estimator need; [retention] in the configuration has the number of
+days. It deletes the factors of tests. It joins the factors of production logs, so that `verify` still works on a
+whole log. It never changes runs that are being read, robots with pending conclusions, a robot's last eight tests,
+and the tests of its baselines.
 
-The age of a run counts from its last cycle, or from when it was stored if that was later. The daemon does the same
-once a day and may run meanwhile. Ended at any moment, the command leaves a whole database and goes on the next time.
-Free room is given back to the file system where the database can do that, see docs/operations.md.")]
+The age of a run counts from its last cycle, or from the time it was stored if that was later. The daemon prunes
+once a day and may run meanwhile. If the command is stopped at any moment, the database stays intact and the next
+call continues. Free space returns to the file system if the database supports this: see docs/operations.md.")]
 pub(super) struct PruneArgs {
-    /// Only show what would go; nothing is changed
+    /// Show the factors to delete, but change nothing
     #[arg(long)]
     dry_run: bool,
-    /// Days that factors are kept, in place of those of the configuration, for tests and ordinary work
+    /// Days to keep factors of tests and production, instead of the configured ones
     #[arg(long, value_name = "DAYS", value_parser = days)]
     older_than: Option<f64>,
 }
 
 fn days(text: &str) -> Result<f64, String> {
-    let wrong = || "a number of days from 0 to 36500 is wanted".to_owned();
+    let wrong = || "give a number of days from 0 to 36500".to_owned();
     text.parse().ok().filter(|days| (0.0..=36_500.0).contains(days)).ok_or_else(wrong)
 }
 
@@ -97,7 +97,7 @@ async fn work(
     }
     if sums.is_empty() {
         output::line(&format!(
-            "no factors have had their time: those of tests are kept {}, those of ordinary work {}",
+            "no factors have expired: those of tests are kept {}, those of production {}",
             shown_days(settings.tests_days),
             shown_days(settings.production_days)
         ));
@@ -108,7 +108,7 @@ async fn work(
     let database = shown_database(&config.database);
     if args.dry_run {
         output::line(&format!(
-            "nothing is changed; {} of {database} would be free with the {} that are free now",
+            "nothing was changed; {} of {database} would be free, including {} that are free now",
             megabytes(sums.iter().map(Sum::freed).sum::<u64>() + before.bytes()),
             megabytes(before.bytes())
         ));
@@ -122,8 +122,8 @@ async fn work(
     ));
     if !after.can_shrink && after.free_pages > 0 {
         output::print_hint(
-            "what is free is used for what comes next; this database was made by an earlier build and does not shrink \
-             by itself: docs/operations.md says how to make it",
+            "later data use the free space; an earlier build created this database, and it does not shrink \
+            automatically: docs/operations.md shows how to shrink it",
         );
     }
     Ok(EXIT_DONE)
@@ -162,7 +162,7 @@ impl Sum {
 
     fn what(&self, dry_run: bool) -> &'static str {
         match (self.kind, dry_run) {
-            (RunKind::Test, true) => "would be removed",
+            (RunKind::Test, true) => "would be deleted",
             (RunKind::Test, false) => "removed",
             (RunKind::Production, true) => "would be joined",
             (RunKind::Production, false) => "joined",

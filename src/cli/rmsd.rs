@@ -25,20 +25,21 @@ Examples:
   armwatch rmsd --run 3 --plot rmsd.svg
   armwatch rmsd --run 3 --json | jq '.rmsd[] | select(.stage == \"all\")'
 
-For each joint a line a cycle: RMSD of estimated against measured torque with the cycle's own parameters,
-which were identified on its excitation stage, over the excitation, friction and warming stages and the whole
-cycle, and over the first and the last third of warming; without the rows in which the joint is slower than its
-low-speed threshold (moving_), and over all rows. relative divides by the RMS of the measured torque over the
-same rows; figures of moving rows above 10 % are marked with *. Friction falls inside a cycle, so the start of warming and
-its end differ most in cold cycles. The same stands in the views cycle_rmsd and warming_contrast.")]
+The command prints one line per joint and cycle: the RMSD between estimated and measured torque. The parameters
+are those of the cycle, identified on its excitation stage. The columns are the excitation, friction and warming
+stages, the whole cycle, and the first and the last third of warming. Columns with moving_ omit the rows in which
+the joint is slower than its low-speed threshold; the others contain all rows. relative divides by the RMS of the
+measured torque over the same rows. A * marks values of moving rows above 10 %. Friction falls inside a cycle, so
+that the start and the end of warming differ most in cold cycles. The views cycle_rmsd and warming_contrast have
+the same values.")]
 pub(super) struct RmsdArgs {
-    /// The run
+    /// Number of the run
     #[arg(long, value_name = "RUN")]
     run: i64,
-    /// Only this joint, from 1
+    /// Use only this joint, from 1
     #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
-    /// Figures of the table
+    /// Unit of the values in the table
     #[arg(long, value_enum, default_value_t = FigureArg::Relative)]
     figure: FigureArg,
     /// Draw the moving relative RMSD by cycle into this file, .svg or .html
@@ -48,7 +49,7 @@ pub(super) struct RmsdArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FigureArg {
-    /// As a fraction of the measured torque's RMS
+    /// Fraction of the RMS of the measured torque
     Relative,
     /// Nm
     Nm,
@@ -106,7 +107,7 @@ fn shown_joints(
     };
     match args.joint.map(usize::from) {
         Some(number) if number > joints => {
-            Err(CliError::Usage(format!("{} has {joints} joints, there is no joint {number}", run.robot)))
+            Err(CliError::Usage(format!("{} has {joints} joints, but no joint {number}", run.robot)))
         }
         Some(number) => Ok(JointIndex::from_number(number).into_iter().collect()),
         None => Ok((0..joints).map(JointIndex::new).collect()),

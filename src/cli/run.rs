@@ -32,18 +32,18 @@ Examples:
   armwatch run --config /etc/armwatch/armwatch.toml --log-format json
   armwatch run --db postgres://armwatch@db.plant/fleet --host line1
 
-Watches the folders of the configuration, takes exports cycle by cycle while they are written and others
-when they have settled, and keeps going until SIGTERM or SIGINT; then it finishes the cycles in hand and
-stops. Killed at any moment, it continues after the last stored cycle. SIGHUP reads the configuration again;
-one with problems is logged, and the earlier one stays. With [serve] in the configuration
-it takes exports over HTTP too, see docs/api.md:
+The daemon watches the folders of the configuration. It reads exports cycle by cycle while they are written, and
+others after they have settled. It continues until SIGTERM or SIGINT, then finishes the current cycles and stops.
+After a kill at any moment, the next start continues after the last stored cycle. SIGHUP reads the configuration
+again; if it has problems, the daemon logs them and keeps the earlier one. [serve] in the configuration adds
+uploads over HTTP, see docs/api.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
        http://127.0.0.1:8650/v1/exports/
 
-Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/operations.md."
+Several daemons, each with its own name, can share a database on a PostgreSQL server: see docs/operations.md."
 )]
 pub(super) struct RunArgs {
-    /// Name of this daemon among several on a database of a server, instead of the configuration's
+    /// Name of this daemon if several share a database on a server, instead of the configured name
     #[arg(long, value_name = "NAME", value_parser = host_name)]
     host: Option<String>,
     #[command(subcommand)]
@@ -56,7 +56,7 @@ enum OfRun {
     /// Correct or confirm the start of runs, as `armwatch run-date`
     #[command(hide = true)]
     Date(RunDateArgs),
-    /// Leave runs out of conclusions, as `armwatch set-aside`
+    /// Exclude runs from conclusions, as `armwatch set-aside`
     #[command(hide = true)]
     SetAside(SetAsideArgs),
 }
@@ -206,19 +206,19 @@ fn reread(global: &Global, args: &RunArgs) -> Option<Config> {
 /// A configuration that was read again, except for settings that take effect only at the next start.
 fn keep_what_runs(mut config: Config, running: &Config) -> Config {
     if config.database != running.database {
-        tracing::warn!("`database` has changed; that takes effect at the next start");
+        tracing::warn!("`database` has changed; this takes effect at the next start");
         config.database.clone_from(&running.database);
     }
     if config.cluster != running.cluster {
-        tracing::warn!("[cluster] has changed; that takes effect at the next start");
+        tracing::warn!("[cluster] has changed; this takes effect at the next start");
         config.cluster.clone_from(&running.cluster);
     }
     if config.snapshot != running.snapshot {
-        tracing::warn!("[snapshot] has changed; that takes effect at the next start");
+        tracing::warn!("[snapshot] has changed; this takes effect at the next start");
         config.snapshot.clone_from(&running.snapshot);
     }
     if config.serve != running.serve {
-        tracing::warn!("[serve] has changed; that takes effect at the next start");
+        tracing::warn!("[serve] has changed; this takes effect at the next start");
         config.serve.clone_from(&running.serve);
     }
     let spool = running.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &upload.spool);

@@ -15,11 +15,12 @@ Examples:
   armwatch snapshot /srv/share/armwatch.db
   armwatch snapshot fleet.db --db /var/lib/armwatch/armwatch.db
 
-One file that nothing writes to: any user, mount or machine can read it, with armwatch and with other programs. The
-daemon may run meanwhile. All views say what those of the database say; what is left out is the factors of cycles, with
-which `identify` and `verify` work. The daemon writes such a file by itself with [snapshot] in the configuration.")]
+The snapshot is one file that is never changed: any user, mount or computer can read it, with armwatch and with
+other programs. The daemon may run meanwhile. All views have the same rows as in the database. Only the factors of
+cycles are missing, which `identify` and `verify` need. [snapshot] in the configuration makes the daemon write
+such a file.")]
 pub(super) struct SnapshotArgs {
-    /// File to write; one that is there is replaced
+    /// File to write; an existing file is replaced
     #[arg(value_name = "FILE")]
     file: PathBuf,
 }

@@ -24,25 +24,28 @@ Examples:
   armwatch sql --schema
   armwatch sql --schema friction_index
 
-One statement that reads: SELECT, WITH, VALUES, EXPLAIN. The database is opened for reading only, nothing is changed, no
-file is written, and the daemon may run. `armwatch backup` copies the database, `armwatch export` writes views into files.
-A parameter is :NAME in the statement, or @NAME or $NAME in one of SQLite. One that no --param gives is NULL, as the files of
-dashboards/ expect of what is left out, and is named beside the answer. On a server, write a colon that is followed by a
-name and begins no parameter with a space behind it.
+The command runs one statement that only reads: SELECT, WITH, VALUES or EXPLAIN. It opens the database read only
+and writes no file; the daemon may run. `armwatch backup` copies the database, `armwatch export` writes views into
+files. A parameter is :NAME in the statement; SQLite also accepts @NAME and $NAME. A parameter without --param is
+NULL, and a message names it. The files in dashboards/ rely on this for optional parameters. On a server, put a
+space after a colon that precedes a name but begins no parameter.
 
---schema says which views there are, and what their columns mean; so do docs/schema.md and the view view_columns. With
---json, a further column of one name is called name_2, name_3 and so on; AS in the statement gives it another name.")]
+--schema lists the views and explains their columns; docs/schema.md and the view view_columns do the same. --json
+renames further columns of the same name to name_2, name_3 and so on. Use AS in the statement to choose another
+name.")]
 pub(super) struct SqlArgs {
-    /// Statement of SQLite, or of PostgreSQL for a database on a server; without one it is read from standard input
+    /// Statement in the SQL of SQLite, or of PostgreSQL for a database on a server [default: read from standard
+    /// input]
     #[arg(value_name = "QUERY")]
     query: Option<String>,
-    /// Read the statement from a file; - is standard input
+    /// Read the statement from a file; - means standard input
     #[arg(long, value_name = "PATH", conflicts_with = "query")]
     file: Option<PathBuf>,
-    /// Value of the parameter :NAME of the statement; may be given several times. A number is a number, everything else text
+    /// Value of the parameter :NAME of the statement; may be repeated. Numbers are passed as numbers, everything else
+    /// as text
     #[arg(long = "param", value_name = "NAME=VALUE", value_parser = named_value)]
     params: Vec<(String, Value)>,
-    /// List the public views, or the columns of one: type, unit, meaning; no database is needed
+    /// List the public views, or the columns of one with type, unit and meaning; needs no database
     #[arg(long, value_name = "VIEW", num_args = 0..=1, conflicts_with_all = ["query", "file", "params"],
           value_parser = view_names(), hide_possible_values = true)]
     schema: Option<Option<String>>,
@@ -67,7 +70,7 @@ pub(super) fn sql(global: &Global, args: &SqlArgs) -> Result<u8, CliError> {
     })?;
     if !null_parameters.is_empty() {
         output::print_hint(&format!(
-            "NULL, since no --param NAME=VALUE gives a value: {}",
+            "NULL, because no --param NAME=VALUE gives a value: {}",
             null_parameters.join(", ")
         ));
     }

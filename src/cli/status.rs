@@ -30,10 +30,10 @@ Examples:
   armwatch status --json | \\
       jq '.robots[] | select(.status == \"critical\") | .robot'
 
-One line a robot, the worst first: its status is that of its worst joint, then comes the friction index of each joint as
-a change in percent against the joint's own first tests (`?` without a figure, `!` with an open alarm). A status is stale
-if the next test of the robot is late by its usual interval. Reads only, and
-works while the daemon runs and for users who may not write the database.")]
+The command prints one line per robot, the worst first. The status of a robot is that of its worst joint. The
+friction index of each joint follows, as a change in percent from the joint's baseline: `?` means no value, `!`
+means an open alarm. A status is stale if the next test of the robot is late, compared with its usual interval.
+The command only reads. It works while the daemon runs, and for users without write access to the database.")]
 pub(super) struct StatusArgs {}
 
 /// What the glance shows.
@@ -150,21 +150,21 @@ impl FleetGlance {
         for of in &self.unanswered {
             let host = if of.host.is_empty() { String::new() } else { format!("{}: ", of.host) };
             let since = of.looked_at.map_or_else(|| "the daemon started".to_owned(), words::minute);
-            output::line(&format!("folder      {host}{} not looked at since {since}: no answer", of.folder));
+            output::line(&format!("folder      {host}{} not scanned since {since}: no answer", of.folder));
         }
         let open: Vec<Severity> = self.open.iter().map(|row| row.severity).collect();
         output::line(&format!("alarms      {}", alarms_in_words(&open, self.answered)));
         if !self.quarantine.is_empty() {
             let count = output::counted(self.quarantine.len(), "export");
-            output::line(&format!("quarantine  {count}: `armwatch quarantine list` says why"));
+            output::line(&format!("quarantine  {count}: `armwatch quarantine list` shows the reason"));
         }
         for file in &self.blocked {
             output::line(&format!("blocked     {} {}; {}", file.source_name, file.message, file.remedy));
         }
         for run in self.runs.iter().filter(|run| self.unmatched.contains(&run.run_id)) {
             output::line(&format!(
-                "new robot   {}, by its only test {}, whose name recognition.file_name does not match; `armwatch set-aside {}` \
-                 leaves it out",
+                "new robot   {}, by its only test {}, whose name recognition.file_name does not match; \
+                `armwatch set-aside {}` excludes it",
                 run.robot, run.source_name, run.run_id
             ));
         }
@@ -175,8 +175,8 @@ impl FleetGlance {
         if robots.is_empty() {
             output::line("");
             output::line(
-                "no test is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders, \
-                 `armwatch demo` shows a simulated fleet",
+                "no test is stored yet: `armwatch ingest FILE` reads an export, `armwatch run` watches \
+                folders, `armwatch demo` shows a simulated fleet",
             );
             return;
         }

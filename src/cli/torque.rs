@@ -35,40 +35,41 @@ Examples:
   armwatch torque --run 3 --cycle 12 \\
       --source /archive/Left_20260105_0847.csv.gz
 
-Samples are not kept in the database, so the run's export is read again, up to the end of the cycle, and
-filtered as it was. It is looked for where it was seen last and in the watched folders, and taken only if
-its content is still the run's. Parameters are the cycle's own, or those that a window of
-production was held against; RUN, RUN:CYCLES and saved sets as in `armwatch verify`.
+The database has no samples. The command therefore reads the export of the run again, up to the end of the cycle,
+and filters it in the same way as before. It searches for the export at its last known place and in the watched
+folders, and checks that the content is unchanged. The default parameters are those of the cycle, or those that a
+production window was compared with. RUN, RUN:CYCLES and saved sets have the same meaning as in `armwatch verify`.
 
-CSV has a line a row and joint: time_s, stage, joint, q_rad, qd_rad_s, measured_nm (after the analysis
-low-pass), estimated_nm, residual_nm (measured less estimated), moving (1 at the joint's low-speed threshold
-or faster), counted. Rows that count are those of the view cycle_rmsd: its rmsd_nm is the root of the mean
-squared residual_nm. --all-rows adds the rows between them and near gaps in time, with counted = 0. --points
-thins each joint's rows by buckets, of which smallest and largest torques and residuals stay: for plots, not
-for sums. --json gives the same by columns, one object a joint.
+CSV has one line per row and joint: time_s, stage, joint, q_rad, qd_rad_s, measured_nm (after the low-pass of the
+analysis), estimated_nm, residual_nm (measured minus estimated), moving (1 at the joint's low-speed threshold or
+faster), counted. Counted rows are those of the view cycle_rmsd: its rmsd_nm is the root of the mean squared
+residual_nm. --all-rows adds the rows between them and near gaps in time, with counted = 0. --points divides each
+joint's rows into buckets and keeps the smallest and largest torques and residuals of each bucket: use it for
+plots, not for sums. --json has the same data by column, in one object per joint.
 
-A picture shows measured and estimated torque, and the residual below them on a scale of its own. Where a joint is
-slow or at rest it holds any torque up to breakaway: the estimate is drawn there only with --slow.")]
+A picture shows measured and estimated torque, and below them the residual on its own scale. A joint that is slow
+or at rest can have any torque up to breakaway. The picture therefore has the estimate of such rows only with
+--slow.")]
 pub(super) struct TorqueArgs {
     /// Run of the cycle
-    #[arg(help_heading = "What is taken", long, value_name = "RUN")]
+    #[arg(help_heading = "Selection", long, value_name = "RUN")]
     run: i64,
     /// Number of the cycle
-    #[arg(help_heading = "What is taken", long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = "Selection", long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     cycle: u32,
-    /// Parameters of the estimate: RUN, RUN:CYCLES, or the name of a saved set [default: the cycle's own]
-    #[arg(help_heading = "What is taken", long, value_name = "RUN[:CYCLES]|SET")]
+    /// Parameters of the estimate: RUN, RUN:CYCLES, or the name of a saved set [default: those of the cycle]
+    #[arg(help_heading = "Selection", long, value_name = "RUN[:CYCLES]|SET")]
     parameters: Option<String>,
-    /// The run's export, where it is no longer where it was
-    #[arg(help_heading = "What is taken", long, value_name = "FILE")]
+    /// Export of the run, if it has moved
+    #[arg(help_heading = "Selection", long, value_name = "FILE")]
     source: Option<PathBuf>,
     /// Rows of one stage, or of the whole cycle
     #[arg(help_heading = "Rows", long, value_enum, default_value_t = StageArg::All)]
     stage: StageArg,
-    /// Rows that do not count in verification too
+    /// Include rows that do not count in verification
     #[arg(help_heading = "Rows", long)]
     all_rows: bool,
-    /// About how many rows to keep of each joint, peaks among them
+    /// Approximate number of rows per joint, with all peaks
     #[arg(help_heading = "Rows", long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
     points: Option<u32>,
     /// Write the rows as CSV into this file
@@ -77,7 +78,7 @@ pub(super) struct TorqueArgs {
     /// Draw only this joint, from 1
     #[arg(long, value_name = "JOINT", requires = "plot", value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
-    /// Draw the estimate where the joint is slow or at rest too
+    /// Draw the estimate also while the joint is slow or at rest
     #[arg(long, requires = "plot")]
     slow: bool,
     /// Draw the torques into this file, .svg or .html
@@ -93,7 +94,7 @@ pub(super) enum StageArg {
     Friction,
     /// Warming stage
     Warming,
-    /// Whole cycle, rows between stages included
+    /// Whole cycle, including rows between stages
     All,
 }
 
@@ -144,7 +145,7 @@ pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError>
     let joints = replayed.series.joints.len();
     if let Some(joint) = args.joint.filter(|joint| usize::from(*joint) > joints) {
         let robot = &replayed.replay.run.robot;
-        return Err(CliError::Usage(format!("{robot} has {joints} joints, there is no joint {joint}")));
+        return Err(CliError::Usage(format!("{robot} has {joints} joints, but no joint {joint}")));
     }
     if let Some(plot) = &args.plot {
         plot.write(&figure(args, &replayed))?;
@@ -198,7 +199,7 @@ async fn parameters(
             let ours = replay.run.model.as_ref().map(|model| &model.description_hash);
             if ours.is_some_and(|ours| *ours != named.candidate.model.description_hash) {
                 return Err(CliError::Usage(format!(
-                    "{} belongs to another description than run {}: its parameters mean something else",
+                    "{} belongs to another description than run {}: its parameters are not comparable",
                     named.name, args.run
                 )));
             }
@@ -356,7 +357,7 @@ fn figure(args: &TorqueArgs, replayed: &Replayed) -> crate::report::figure::Figu
         "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque over the same rows{}",
         text::of_file_name(export),
         replay.cutoff,
-        if args.slow { "" } else { "; the estimate is drawn where the joint moves" }
+        if args.slow { "" } else { "; the estimate is drawn only while the joint moves" }
     );
     let view = TorqueView {
         scope: args.stage.scope(),

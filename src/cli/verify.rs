@@ -25,40 +25,40 @@ Examples:
   armwatch verify --parameters 3:20 --parameters left-warm --against 4 \\
       --against 5 --json
 
-For each joint a matrix: a row is a parameter set, a column the run that it is verified against, over all
-cycles of the run; figures are the relative RMSD of the torque. Those of moving rows above 10 % are marked with *.
-RUN stands for the parameters identified on all cycles of the run together by the configured estimator,
-RUN:CYCLES for those of some of its cycles (3:20, 3:10,15,20), any other word for a set kept by
-`armwatch identify --save`. Cycles that were refused when they were read are passed over and named on standard error. With
---robot alone, each run's parameters meet each run. Figures are exact and no export is read.
+The command prints a matrix per joint: one row per parameter set, one column per run, over all cycles of the run.
+The values are the relative RMSD of the torque. A * marks values of moving rows above 10 %. RUN means the
+parameters identified on all cycles of the run together by the configured estimator. RUN:CYCLES uses only some of
+its cycles (3:20, 3:10,15,20). Any other word is the name of a set saved by `armwatch identify --save`. The
+command skips cycles that were refused when they were read, and names them on standard error. --robot alone
+verifies the parameters of each run against each run. The values are exact, and the command reads no export.
 
---store writes them by cycle into the view cycle_rmsd with verification = 'cross'; it takes the parameters
-of whole runs only. --json prints all stages, with and without slow rows, one object for each set and run.")]
+--store writes the values of each cycle into the view cycle_rmsd with verification = 'cross'; it accepts only
+parameters of whole runs. --json prints all stages, with and without slow rows, in one object per set and run.")]
 #[command(group(ArgGroup::new("sets").args(["parameters", "robot"]).required(true)))]
 pub(super) struct VerifyArgs {
-    /// Parameters: RUN, RUN:CYCLES, or the name of a saved set; may be given several times
+    /// Parameters: RUN, RUN:CYCLES, or the name of a saved set; may be repeated
     #[arg(long, value_name = "RUN[:CYCLES]|SET", requires = "against")]
     parameters: Vec<String>,
-    /// What they are verified against: a run, or all complete runs of a robot
+    /// Run, or robot with all its complete runs, to verify the parameters against; may be repeated
     #[arg(long, value_name = "RUN|ROBOT", requires = "parameters")]
     against: Vec<String>,
-    /// Every complete run of this robot against every other one
+    /// Verify every complete run of this robot against every other one
     #[arg(long, value_name = "NAME", conflicts_with_all = ["parameters", "against"])]
     robot: Option<String>,
-    /// Stage that the matrices show
+    /// Stage in the matrices
     #[arg(long, value_enum, default_value_t = StageArg::Excitation)]
     stage: StageArg,
-    /// Rows that the matrices show
+    /// Rows in the matrices
     #[arg(long, value_enum, default_value_t = RowsArg::Moving)]
     rows: RowsArg,
-    /// Write the figures into the database
+    /// Store the values in the database
     #[arg(long)]
     store: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum RowsArg {
-    /// Rows in which the joint moves
+    /// Rows with motion of the joint
     Moving,
     /// All rows
     All,
@@ -85,7 +85,7 @@ async fn verify_stored(
     let unsaved = named.iter().find(|of| of.run_id.is_none());
     if let Some(set) = unsaved.filter(|_| args.store) {
         return Err(CliError::Usage(format!(
-            "--store takes the parameters of whole runs; {} are others",
+            "--store accepts only parameters of whole runs, not {}",
             set.name
         )));
     }
@@ -108,9 +108,9 @@ async fn verify_stored(
     if args.store {
         if let Some(of) = verified.iter().find(|of| of.joined_windows > 0) {
             return Err(CliError::Usage(format!(
-                "--store writes figures by cycle, and {} windows of run {} have their factors together since their time \
-                 was over ([retention] in the configuration); leave --store out, or read its export again with \
-                 `armwatch ingest --again {}`",
+                "--store writes values by cycle, but the factors of {} windows of run {} have expired and \
+                are joined ([retention] in the configuration); omit --store, or read its export again with \
+                `armwatch ingest --again {}`",
                 of.joined_windows, of.run_id, of.run_id
             )));
         }
@@ -147,14 +147,14 @@ async fn chosen<'a>(
                 // its cycles are listed with the skipped ones
                 Err(StoredError::PassedOver(_)) => {}
                 Err(StoredError::Numerics(error)) => output::print_hint(&format!(
-                    "run {} gives no parameters and is only verified against: {error}",
+                    "run {} has no parameters and serves only as a reference: {error}",
                     run.run_id
                 )),
                 Err(error) => return Err(error.into()),
             }
         }
         if named.is_empty() {
-            return Err(CliError::Usage(format!("no run of robot {robot} gives parameters")));
+            return Err(CliError::Usage(format!("no run of robot {robot} has parameters")));
         }
     }
     for word in &args.parameters {

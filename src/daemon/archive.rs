@@ -55,9 +55,9 @@ pub async fn after(
     let file = text::of_path(path);
     match moved(pipeline, (path, bytes), folder, run_id).await {
         Ok(Some(Archived::At(target))) => tracing::info!(%file, target = %text::of_path(&target), "archived"),
-        Ok(Some(Archived::Changed)) => tracing::info!(%file, "not archived: it changed meanwhile"),
+        Ok(Some(Archived::Changed)) => tracing::info!(%file, "not archived: it changed in the meantime"),
         Ok(None) => {}
-        Err(error) => tracing::warn!(%file, %error, "not archived; it stays where it is"),
+        Err(error) => tracing::warn!(%file, %error, "not archived; it stays at its place"),
     }
     Ok(())
 }
@@ -133,7 +133,7 @@ pub async fn take_missed(pipeline: Pipeline, stop: CancellationToken) {
     let files = match found {
         Ok(scan) => scan.files,
         Err(error) => {
-            tracing::error!(%error, "the archive was not looked through for exports that the database lacks");
+            tracing::error!(%error, "the archive was not searched for exports that the database lacks");
             return;
         }
     };
@@ -173,7 +173,7 @@ where
         let taken = on_own_thread(FileAccess::default(), take(path)).await;
         match taken.map_err(PipelineError::from).and_then(|taken| taken) {
             Ok(robot) => robots.extend(robot),
-            Err(error) => tracing::warn!(file, %error, "in the archive, and not taken"),
+            Err(error) => tracing::warn!(file, %error, "in the archive, but not read"),
         }
     }
     robots
@@ -202,7 +202,7 @@ async fn take_if_missed(
         Outcome::Stored(run) => {
             tracing::warn!(
                 file = %text::of_path(path), run_id = run.run_id,
-                "in the archive, and not in the database: taken again"
+                "in the archive, but not in the database: read again"
             );
             Ok(Some(run.robot))
         }

@@ -90,7 +90,7 @@ impl Disks {
         tokio::select! {
             () = ended => {}
             () = self.until_silent(disk) => {
-                tracing::warn!("{} is not waited for: its disk does not answer", disk.words());
+                tracing::warn!("not waiting for {}: its disk does not answer", disk.words());
             }
         }
     }
@@ -102,8 +102,8 @@ impl Disks {
         self.until_silent(Disk::Database).await;
         tokio::time::sleep(HANGING_AT_STOP).await;
         format!(
-            "the disk of the database {} does not answer; ended without it, and the next start continues after the last \
-             stored cycle; see whether the disk is there",
+            "the disk of the database {} does not answer; ended without it, and the next start continues \
+            after the last stored cycle; check the disk",
             self.database.display()
         )
     }
@@ -121,7 +121,8 @@ impl Watched {
                     set(&began, Some(Instant::now()));
                     if let Err(error) = sync(&folder) {
                         // the writer of the files reports it
-                        tracing::trace!(folder = %folder.display(), %error, "nothing was written to a watched disk");
+                        tracing::trace!(folder = %folder.display(), %error, "the test write to a watched \
+                            disk failed");
                     }
                     set(&began, None);
                 }
@@ -171,7 +172,7 @@ async fn look(
             let (what, folder) = (of.disk.words(), of.folder.display());
             if of.is_silent {
                 tracing::error!(
-                    %folder, "the disk of {what} has not answered for {} s; {}, see whether the disk is there",
+                    %folder, "the disk of {what} has not answered for {} s; {}, check the disk",
                     ANSWERS_WITHIN.as_secs(), of.disk.consequence()
                 );
             } else {

@@ -173,7 +173,7 @@ impl Folders {
         let started =
             thread::Builder::new().name(format!("folder {}", self.count)).spawn(move || looking.run(&wished));
         if let Err(error) = started {
-            tracing::error!(folder = %path.display(), %error, "no thread for a watched folder; it is not looked at");
+            tracing::error!(folder = %path.display(), %error, "no thread for a watched folder; it is not scanned");
         }
         let now = Instant::now();
         self.folders.push(ScannedFolder {
@@ -272,8 +272,8 @@ impl Folders {
             let (path, looked_at) = (&folder.path, folder.looked_at);
             if is_silent {
                 tracing::warn!(
-                    folder = %path.display(), "not looked at since {}: no answer for {} s; other folders are looked at \
-                     meanwhile, see whether its disk or file server is there",
+                    folder = %path.display(), "not scanned since {}: no answer for {} s; other folders are \
+                        still scanned; check its disk or file server",
                     looked_at.map_or_else(|| "the start".to_owned(), |at| format!("{at:.0}")),
                     ANSWERS_WITHIN.as_secs()
                 );
@@ -379,7 +379,7 @@ fn watch_together(folders: Vec<PathBuf>, hints: mpsc::Sender<()>) -> threads::Se
         }
     };
     if let Err(error) = thread::Builder::new().name("folders".into()).spawn(watching) {
-        tracing::error!(%error, "no thread for file events; new exports are found by the periodic scan");
+        tracing::error!(%error, "no thread for file events; the periodic scan finds new exports");
     }
     wishes
 }

@@ -60,7 +60,7 @@ impl OpenTests {
                 Ok(None)
             }
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
-                tracing::debug!(run_id, %error, "not judged now; judged again with the next cycle");
+                tracing::debug!(run_id, %error, "not evaluated now; evaluated with the next cycle");
                 Ok(None)
             }
             Err(error) => Err(error),

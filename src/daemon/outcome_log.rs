@@ -30,12 +30,12 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
             "quarantined: {rejection}"
         ),
         Outcome::Interrupted => {
-            tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
+            tracing::info!(%file, "stopped after a cycle; the rest follows at the next start")
         }
         Outcome::Unreadable { rejection } => {
             tracing::warn!(%file, "cannot be read now, trying again: {rejection}");
         }
-        Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
+        Outcome::Changed => tracing::info!(%file, "changed while being read; reading again"),
         Outcome::InWork { run_id: None } => tracing::debug!(%file, "another daemon reads it"),
         Outcome::InWork { run_id: Some(run_id) } => {
             tracing::debug!(%file, run_id, "another program reads it, or the same content is being read under another name");

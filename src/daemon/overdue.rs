@@ -58,7 +58,7 @@ impl OverdueWatch {
     pub async fn ended(self) {
         drop(self.news);
         if let Err(error) = self.task.await {
-            tracing::error!(%error, "watching for overdue tests ended");
+            tracing::error!(%error, "the check for overdue tests ended");
         }
     }
 }
@@ -88,7 +88,7 @@ async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedR
             },
         };
         if let Err(error) = done {
-            tracing::warn!(%error, "overdue tests not looked at now; trying again");
+            tracing::warn!(%error, "overdue tests not checked now; trying again");
         }
     }
 }

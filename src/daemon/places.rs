@@ -193,8 +193,9 @@ impl FilePlaces {
         self.said_short = Some(most);
         tracing::warn!(
             growing = self.holders.len() + waiting,
-            "more exports grow at once than watch.live_files = {most} lets be read: they take turns, and their cycles \
-             are stored later; raise watch.live_files (each takes the memory of about three cycles)"
+            "more exports grow at the same time than watch.live_files = {most} permits: they take turns, \
+            and their cycles are stored later; raise watch.live_files (each takes the memory of about three \
+            cycles)"
         );
     }
 }
@@ -202,8 +203,8 @@ impl FilePlaces {
 /// Logs that a read hangs.
 pub(super) fn say_hanging(path: &Path) {
     tracing::warn!(
-        file = %text::of_path(path), "a read has not returned for {} s: the disk or file server does not answer; other \
-         exports are read meanwhile", SAID_AFTER.as_secs()
+        file = %text::of_path(path), "a read has not returned for {} s: the disk or file server does not \
+            answer; other exports are still read", SAID_AFTER.as_secs()
     );
 }
 

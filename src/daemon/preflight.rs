@@ -41,11 +41,11 @@ pub fn preflight(config: &Config) -> Preflight {
         found.refusals.push(problem("database", &config.database, "is a folder", &hint));
     }
     if let (None, Some(snapshot)) = (config.database_file(), &config.snapshot) {
-        let hint = "take [snapshot] away; readers ask the server, as a user who may only read";
+        let hint = "remove [snapshot]; readers query the server, as a user with read access only";
         found.refusals.push(problem(
             "snapshot.file",
             &snapshot.file,
-            "is a copy of a database file, and the database is on a server",
+            "is for a database file, but the database is on a server",
             hint,
         ));
     }
@@ -63,8 +63,8 @@ pub fn preflight(config: &Config) -> Preflight {
         if let Some(upload) = &settings.upload
             && answered(is_no_folder(&upload.spool)) == Some(true)
         {
-            let hint = "name a folder; it is made if it is not there";
-            found.refusals.push(problem("serve.upload.spool", &upload.spool, "is no folder", hint));
+            let hint = "name a folder; it is created if missing";
+            found.refusals.push(problem("serve.upload.spool", &upload.spool, "is not a folder", hint));
         }
     }
     secrets(config, &mut found);
@@ -81,9 +81,10 @@ fn secrets(config: &Config, found: &mut Preflight) {
         let is_handed_over =
             std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
         if mode & OTHERS_READ != 0 && !is_handed_over {
-            let who = if mode & 0o004 != 0 { "everybody on this machine" } else { "its group" };
-            let hint = format!("`chmod 600 {}`, as the user of the daemon or for it", path.display());
-            found.remarks.push(problem("secret", path, &format!("may be read by {who}"), &hint));
+            let who = if mode & 0o004 != 0 { "every user of this computer" } else { "its group" };
+            let hint =
+                format!("run `chmod 600 {}`; the file must belong to the user of the daemon", path.display());
+            found.remarks.push(problem("secret", path, &format!("is readable by {who}"), &hint));
         }
     }
 }
@@ -112,8 +113,13 @@ fn cluster(config: &Config, found: &mut Preflight) {
         found.remarks.push(ConfigProblem { key, problem, hint: Some(hint), ..empty() });
     };
     if settings.host.is_some() && config.database_file().is_some() {
-        let problem = "has no effect: a database in a file has one daemon";
-        remark("cluster.host", problem, "several share one on a PostgreSQL server, see docs/operations.md");
+        let problem = "has no effect: a database file has only one daemon";
+        remark(
+            "cluster.host",
+            problem,
+            "several daemons can share a database on a PostgreSQL server, see \
+            docs/operations.md",
+        );
     }
     if settings.host.is_none() && !settings.shared_folders.is_empty() {
         let problem = "has no effect without a name of this daemon";
@@ -131,18 +137,16 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
         let Some(place) = place else {
             let (what, hint) = match answers[number] {
                 Some(_) => (
-                    "is not there, or may not be looked into",
-                    "make it, mount it, or correct the path; it is watched once it is there",
+                    "does not exist or is not readable",
+                    "create it, mount it, or correct the path; it is watched as soon as it exists",
                 ),
-                None => {
-                    (NO_ANSWER, "see whether its disk or file server is there; it is watched once it answers")
-                }
+                None => (NO_ANSWER, "check its disk or file server; it is watched as soon as it answers"),
             };
             found.missing.push(problem(&key, folder, what, hint));
             continue;
         };
         if place.parent().is_none() {
-            let hint = "name the folder that exports appear in";
+            let hint = "name the folder of the exports";
             found.refusals.push(problem(&key, folder, "is the whole file system", hint));
         }
         let others = watch.folders.iter().zip(&real).enumerate().filter(|(other, _)| *other != number);
@@ -152,10 +156,10 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
             .filter(|(other, _, outer)| place.starts_with(outer) && (outer != place || *other < number));
         if let Some((_, outer, _)) = around.next() {
             let sentence = format!(
-                "lies in the watched folder {}, which is searched with its subfolders",
+                "is inside the watched folder {}, which is searched with its subfolders",
                 outer.display()
             );
-            found.remarks.push(problem(&key, folder, &sentence, "leave one of them out"));
+            found.remarks.push(problem(&key, folder, &sentence, "remove one of them"));
         }
     }
 }
@@ -270,8 +274,8 @@ mod tests {
         secrets(&config, &mut found);
         let said: Vec<String> = found.remarks.iter().map(ToString::to_string).collect();
         assert_eq!(said.len(), 2, "{said:?}");
-        assert!(said[0].contains("may be read by its group") && said[0].contains("chmod 600"), "{said:?}");
-        assert!(said[1].contains("may be read by everybody"), "{said:?}");
+        assert!(said[0].contains("is readable by its group") && said[0].contains("chmod 600"), "{said:?}");
+        assert!(said[1].contains("is readable by every user"), "{said:?}");
         assert!(!said.concat().contains("0123456789"));
     }
 

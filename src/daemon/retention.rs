@@ -36,7 +36,7 @@ impl Pruning {
     /// Waits for the end.
     pub async fn ended(self) {
         if let Err(error) = self.task.await {
-            tracing::error!(%error, "taking away old factors ended");
+            tracing::error!(%error, "the deletion of old factors ended");
         }
     }
 }
@@ -45,8 +45,8 @@ async fn look(store: Store, configs: watch::Receiver<Arc<Config>>, stop: Cancell
     if let Some(latest) = doubtful(&store, Timestamp::now()).await {
         tracing::warn!(
             %latest,
-            "by the clock of this machine the latest export came more than a month ago: is the clock right? Factors that have had \
-             their time are removed in a day, or now with `armwatch prune`"
+            "by the clock of this computer the latest export came more than a month ago: is the clock \
+            right? Expired factors are deleted in a day, or now with `armwatch prune`"
         );
         if waited(&stop).await {
             return;
@@ -55,7 +55,7 @@ async fn look(store: Store, configs: watch::Receiver<Arc<Config>>, stop: Cancell
     loop {
         let kept = kept_since(&configs.borrow().retention, Timestamp::now());
         match prune(&store, &kept, &stop).await {
-            Ok(runs) if runs.is_empty() => tracing::debug!("no factors have had their time"),
+            Ok(runs) if runs.is_empty() => tracing::debug!("no factors have expired"),
             Ok(runs) => {
                 let cycles: u64 = runs.iter().map(|run| run.cycles).sum();
                 let megabytes = runs.iter().map(|run| run.bytes).sum::<u64>() / 1_000_000;
@@ -63,10 +63,10 @@ async fn look(store: Store, configs: watch::Receiver<Arc<Config>>, stop: Cancell
                     runs = runs.len(),
                     cycles,
                     megabytes,
-                    "factors had had their time ([retention]); the room they took is used again"
+                    "factors have expired ([retention]); their space is used again"
                 );
             }
-            Err(error) => tracing::warn!(%error, "old factors stay for now; looking again tomorrow"),
+            Err(error) => tracing::warn!(%error, "old factors stay for now; trying again tomorrow"),
         }
         if waited(&stop).await {
             return;

@@ -19,7 +19,7 @@ pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Recei
         while hangup.recv().await.is_some() {
             // a closed terminal gives no more answers
             if had_terminal && !std::io::stdin().is_terminal() {
-                tracing::info!("SIGHUP, the terminal is closed: finishing the cycle in hand");
+                tracing::info!("SIGHUP, the terminal is closed: finishing the current cycle");
                 return stop.cancel();
             }
             tracing::info!("SIGHUP: reading the configuration again");
@@ -48,7 +48,7 @@ pub fn stop_on_signal() -> std::io::Result<CancellationToken> {
                 _ = interrupt.recv() => "SIGINT",
             };
             if first {
-                tracing::info!("{name}: finishing the cycle in hand; send it again to stop at once");
+                tracing::info!("{name}: finishing the current cycle; send it again to stop at once");
                 token.cancel();
             } else {
                 std::process::exit(130);

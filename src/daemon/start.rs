@@ -30,7 +30,7 @@ pub(super) async fn patiently<T>(
                 | StoreError::Unreachable { .. }
                 | StoreError::LeaseEnded { .. }),
             )) => {
-                tracing::warn!(%error, "the daemon does not begin now; trying again");
+                tracing::warn!(%error, "the daemon cannot start now; trying again");
             }
             done => return done.map(Some),
         }
@@ -70,7 +70,7 @@ pub(super) async fn reweight(pipeline: &Pipeline, stop: &CancellationToken) -> R
     if kept > 0 {
         tracing::warn!(
             kept,
-            "cycles keep another estimator than {estimator}; view cycles, estimator_reason, says why"
+            "cycles keep another estimator than {estimator}; view cycles, estimator_reason, has the reason"
         );
     }
     Ok(!interrupted)

@@ -193,8 +193,8 @@ impl OpenCycle {
             if state.is_to_be_said() {
                 tracing::warn!(
                     bytes = all,
-                    "cycles that are being read and analysed take more memory than limits.cycles_max_bytes = {most}; \
-                     exports wait for the one that has read most of its cycle"
+                    "cycles that are being read and analysed take more memory than limits.cycles_max_bytes \
+                    = {most}; exports wait for the one that has read the most of its cycle"
                 );
             }
             state = shared.freed.wait_timeout(state, LOOK).map_or_else(|e| e.into_inner().0, |woken| woken.0);

@@ -308,8 +308,8 @@ impl Pipeline {
         };
         tracing::error!(file = %text::of_path(path), run_id = intake.run_id, "{reason}");
         let remedy = format!(
-            "`armwatch quarantine retry {}` reads the file anew from its start; if that ends alike, report it with this \
-             file",
+            "`armwatch quarantine retry {}` reads the file from its start again; if it fails again, report \
+            it with this file",
             intake.run_id
         );
         take::record::quarantine(self, intake, Rejection::of_file(path, reason, remedy)).await

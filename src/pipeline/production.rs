@@ -208,7 +208,7 @@ async fn checks(
                 match checked {
                     Ok(check) => Some((cycle.cycle, check)),
                     Err(error) => {
-                        tracing::warn!(run_id, window = cycle.cycle, %error, "not held against a test");
+                        tracing::warn!(run_id, window = cycle.cycle, %error, "not compared with a test");
                         None
                     }
                 }

@@ -244,7 +244,7 @@ class Scene:
             while daemon.poll() is None and time.monotonic() - begun < longest_s:
                 time.sleep(0.01)
                 said = self.said()[before:]
-                if writer and "looked at" in said and not writer.ident:
+                if writer and "scanned the watched" in said and not writer.ident:
                     writer.start()
                 growing_is_stored = f"inbox/{self.material.growing[0]} robot" in said
                 if not self.sink.world.is_acknowledged and (

@@ -44,7 +44,7 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(workshop.stdout(&["alerts", "list"], 0), "no anomaly has been found in 0 complete runs\n");
     assert_eq!(workshop.stdout(&["alerts", "list", "--json"], 0), "");
-    assert!(refused(&workshop, &["alerts", "show", "1"]).contains("there are none at all"));
+    assert!(refused(&workshop, &["alerts", "show", "1"]).contains("there are no anomalies"));
 
     let exports = wearing(&workshop, "10");
     let out = ingest(&workshop, &exports[..8]);
@@ -256,6 +256,6 @@ fn a_complete_run_is_taken_anew_from_its_export_with_its_number() {
     assert!(refused(&workshop, &["ingest", "inbox", "--again", "1"]).contains("cannot be used with"));
     let after = workshop.dump();
     fs::remove_file(export).expect("removed");
-    assert!(refused(&workshop, &["ingest", "--again", "1"]).contains("put it back there"));
-    assert_eq!(workshop.dump(), after, "what is stored stays");
+    assert!(refused(&workshop, &["ingest", "--again", "1"]).contains("put it back"));
+    assert_eq!(workshop.dump(), after, "stored results stay");
 }

@@ -475,7 +475,7 @@ fn statements_read_the_views_and_nothing_else() {
         ("SELECT * FROM run", 403, "run is not public"),
         ("DELETE FROM run", 403, "begins with SELECT"),
         (" \n", 400, "the statement is empty"),
-        ("SELECT 1; SELECT 2", 400, "more than one statement"),
+        ("SELECT 1; SELECT 2", 400, "several statements"),
         ("SELECT printf('%.*c', 1000000, 'x') FROM cycle_parameters", 422, "larger than"),
     ] {
         let refused = ask(&json!({"sql": statement}));
@@ -549,6 +549,6 @@ fn torques_of_a_cycle_are_those_of_the_command_and_a_missing_export_is_said() {
     fs::remove_file(served.workshop.inbox(name)).expect("removed");
     let gone = served.get("/v1/runs/1/cycles/2/torque");
     assert_eq!(gone.status, 410, "{}", gone.body);
-    assert!(gone.body.contains("is not at hand"), "{}", gone.body);
+    assert!(gone.body.contains("is not available"), "{}", gone.body);
     served.end();
 }

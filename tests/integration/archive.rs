@@ -67,8 +67,8 @@ fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
     assert_eq!(daemon.end(), Some(0));
     assert_eq!(workshop.query("SELECT DISTINCT robot FROM runs"), ["A"]);
     assert_eq!(workshop.query("SELECT count(*) FROM runs WHERE source_name LIKE '%~%'"), ["0"]);
-    assert!(workshop.log().contains("in the archive, and not in the database"), "{}", workshop.log());
-    // nothing is stored twice
+    assert!(workshop.log().contains("in the archive, but not in the database"), "{}", workshop.log());
+    // nothing is taken twice
     let daemon = workshop.daemon();
     workshop.wait_for_a_look();
     daemon.signal("TERM");

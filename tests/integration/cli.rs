@@ -204,7 +204,7 @@ fn what_is_asked_for_by_a_name_or_number_that_is_not_there_is_refused() {
     }
     // an empty result for an existing robot is no error
     let none = workshop.stdout(&["runs", "--robot", "Left", "--status", "quarantined"], 0);
-    assert_eq!(none, "no run is as asked for\n");
+    assert_eq!(none, "no run matches\n");
 }
 
 #[test]

@@ -126,7 +126,7 @@ fn a_folder_that_is_not_there_or_lies_in_another_is_warned_of() {
     assert!(check.contains("watch.folders[3] = \"later\": is not there"), "{check}");
 
     let daemon = workshop.daemon();
-    workshop.wait_until(|| said(&workshop, "cannot look into a watched place") > 0);
+    workshop.wait_until(|| said(&workshop, "cannot read a watched place") > 0);
     fs::create_dir(workshop.path("later")).expect("a folder");
     workshop.add_reference("later");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete'", 1);

@@ -42,7 +42,7 @@ fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
     );
     let status = workshop.stdout(&["status"], 0);
     assert!(
-        status.contains("the last 3 tests are left out, so that the robot is not watched")
+        status.contains("the last 3 tests are excluded, so the robot is not watched")
             && status.contains("R01_20990303_0847_x.csv (run 9) is dated 2099-03-03"),
         "{status}"
     );

@@ -115,7 +115,7 @@ fn a_later_run_than_now_and_a_folder_that_may_not_be_written_to_are_problems() {
     };
     let found = problems(&text(&output.stdout));
     let is_folder =
-        |said: &str| said.starts_with("the folder of the database") && said.contains("may not be written to");
+        |said: &str| said.starts_with("the folder of the database") && said.contains("is not writable");
     assert!(found.iter().any(|(check, said)| check == "permissions" && is_folder(said)), "{found:?}");
 }
 

@@ -109,7 +109,7 @@ fn refused_cycles_are_passed_over_with_their_reason() {
         let said = text(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
         assert!(said.contains("run 2, cycle 1: "), "{said}");
-        assert!(said.contains("taken in spite of findings") && !said.contains("older program"), "{said}");
+        assert!(said.contains("used in spite of findings") && !said.contains("older program"), "{said}");
     }
 }
 

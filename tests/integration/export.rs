@@ -366,8 +366,8 @@ fn what_cannot_be_meant_is_said_before_anything_is_written() {
         (&["--csv", "out", "--robot", "C"], 2, "there is no robot C; there are A, B"),
         (&["runs"], 2, "--csv <DIR>|--parquet <DIR>|--output <FILE>"),
         (&["runs", "--csv", "out", "--parquet", "out"], 2, "cannot be used with"),
-        (&["runs", "-o", "out/runs.xlsx"], 2, "neither with .csv nor with .parquet"),
-        (&["runs", "cycles", "-o", "out/runs.csv"], 2, "takes one view"),
+        (&["runs", "-o", "out/runs.xlsx"], 2, "must end with .csv or .parquet"),
+        (&["runs", "cycles", "-o", "out/runs.csv"], 2, "accepts one view"),
         (&["--csv", "out", "--since", "2026-02-01", "--until", "2026-01-01"], 2, "is not after"),
         (&["--csv", "out", "--since", "last week"], 2, "2026-03-01"),
         (&["--csv", "out", "--db", "typo.db"], 74, "there is no database typo.db"),
@@ -391,7 +391,7 @@ fn only_exports_of_the_same_view_are_replaced() {
         let refused = workshop.run(arguments);
         let said = text(&refused.stderr);
         assert_eq!(refused.status.code(), Some(2), "{said}");
-        assert!(said.contains("out/runs.csv is there and no export of the view runs"), "{said}");
+        assert!(said.contains("out/runs.csv exists and is not an export of the view runs"), "{said}");
         assert_eq!(files(&workshop.path("out")), ["runs.csv"], "nothing else is written");
     }
     assert!(fs::read_to_string(&notes).expect("the file").contains("what I think"));

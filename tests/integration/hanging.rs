@@ -82,12 +82,12 @@ fn a_folder_that_hangs_stops_no_other_and_is_told() {
         let running = daemon(&workshop, call, "slowshare");
         put(&workshop, "inbox", "A", 2);
         workshop.wait_for(&stored("A"), 1);
-        let said = || workshop.log().contains("not looked at since the start: no answer for 10 s");
+        let said = || workshop.log().contains("not scanned since the start: no answer for 10 s");
         wait_until(said, || format!("{call}: {}", workshop.log()));
         put(&workshop, "inbox", "B", 3);
         workshop.wait_for(&stored("B"), 1);
         let status = workshop.stdout(&["status"], 0);
-        assert!(status.contains("slowshare not looked at since the daemon started: no answer"), "{status}");
+        assert!(status.contains("slowshare not scanned since the daemon started: no answer"), "{status}");
         let ready = get(port, "/ready");
         assert_eq!(
             (ready.status, ready.json()["folders_answer"].as_bool()),
@@ -107,7 +107,7 @@ fn a_folder_that_hangs_stops_no_other_and_is_told() {
 
         // the folder answers again while a daemon runs
         let running = daemon(&workshop, call, "slowshare");
-        wait_until(|| workshop.log().matches("not looked at since").count() == 2, || workshop.log());
+        wait_until(|| workshop.log().matches("not scanned since").count() == 2, || workshop.log());
         fs::remove_file(workshop.path("hang")).expect("removed");
         workshop.wait_for(&stored("S"), 1);
         wait_until(|| get(port, "/ready").status == 200, || get(port, "/ready").body);
@@ -280,13 +280,13 @@ fn a_link_publishes_no_secret() {
     put(&workshop, "inbox", "A", 1);
     let ingested = workshop.run(&["ingest", "inbox"]);
     let said = text(&ingested.stderr);
-    assert_eq!(said.matches("is a link that leads out of the watched folder").count(), 2, "{said}");
+    assert_eq!(said.matches("is a link to a place outside the watched folder").count(), 2, "{said}");
     assert_eq!(workshop.query("SELECT source_name FROM quarantine"), [""; 0]);
     assert_eq!(workshop.number(&stored("A")), 1);
     assert!(!shows(&bytes()) && !shows(&said));
     let doctor = workshop.run(&["doctor", "--quick", "--json"]);
     assert_eq!(
-        text(&doctor.stdout).matches("is a link that leads out").count(),
+        text(&doctor.stdout).matches("is a link to a place outside").count(),
         2,
         "{}",
         text(&doctor.stdout)
@@ -294,8 +294,8 @@ fn a_link_publishes_no_secret() {
 
     // the daemon lists them, without their targets
     let running = workshop.daemon();
-    let listed = "SELECT count(*) FROM quarantine WHERE problem = 'a link that leads out of the watched folder' \
-                  AND remedy LIKE '%follow_links = true%'";
+    let listed = "SELECT count(*) FROM quarantine WHERE problem = 'a link to a place outside the watched \
+        folder' AND remedy LIKE '%follow_links = true%'";
     workshop.wait_for(listed, 2);
     assert!(!workshop.stdout(&["quarantine", "list", "--json"], 0).contains("secret0"));
     fs::remove_file(workshop.inbox(links[1])).expect("removed");
@@ -308,7 +308,7 @@ fn a_link_publishes_no_secret() {
     workshop.set("follow_links", "true");
     let running = workshop.daemon();
     workshop.wait_for(
-        "SELECT count(*) FROM quarantine WHERE problem LIKE 'no export: the line has 1 column %'",
+        "SELECT count(*) FROM quarantine WHERE problem LIKE 'not an export: the line has 1 column %'",
         2,
     );
     ends_in_time(running);
@@ -359,7 +359,7 @@ fn secrets_that_others_may_read_are_told() {
     let port = free_port();
     let serve = format!("\n[serve]\nlisten = \"127.0.0.1:{port}\"\ntoken_file = \"{}\"\n", token.display());
     fs::write(path, config + &serve).expect("written");
-    const SAID: &str = "may be read by everybody on this machine";
+    const SAID: &str = "is readable by every user of this computer";
     let checked = workshop.stdout(&["config", "check"], 0);
     assert!(checked.contains(SAID), "{checked}");
     let doctor = workshop.run(&["doctor", "--quick"]);
@@ -368,5 +368,5 @@ fn secrets_that_others_may_read_are_told() {
     wait_until(|| workshop.log().contains(SAID), || workshop.log());
     ends_in_time(running);
     fs::set_permissions(&token, fs::Permissions::from_mode(0o600)).expect("permissions");
-    assert!(!workshop.stdout(&["config", "check"], 0).contains("may be read by"));
+    assert!(!workshop.stdout(&["config", "check"], 0).contains("is readable by"));
 }

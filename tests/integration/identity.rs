@@ -44,7 +44,7 @@ fn a_log_of_work_that_begins_with_a_test_does_not_take_its_place() {
             [format!("{}|test|complete", test.name), format!("{}|production|complete", work.name)];
         expected.sort();
         assert_eq!(runs, expected);
-        assert!(!said.contains("takes the place"), "{said}");
+        assert!(!said.contains("replaces run"), "{said}");
     }
 }
 
@@ -84,7 +84,7 @@ fn a_recording_that_takes_a_place_and_begins_otherwise_is_warned_of_and_the_othe
     let said = take(&workshop, &corrected.named("A_20260105_0847_corrected.csv"));
     assert!(!said.contains("begins with other rows"), "{said}");
     let said = take(&workshop, &export("A", 2, 5).named("A_20260105_0847_two.csv"));
-    assert!(said.contains("takes the place of run 2") && said.contains("begins with other rows"), "{said}");
+    assert!(said.contains("replaces run 2") && said.contains("begins with other rows"), "{said}");
     assert_eq!(
         workshop.query("SELECT status, superseded_by_run_id FROM runs ORDER BY run_id"),
         ["superseded|2", "superseded|3", "complete|"]

@@ -79,6 +79,6 @@ fn one_shot_ingestion_concludes_the_others_and_says_which_it_could_not() {
     let output = workshop.run(&["ingest", "inbox"]);
     assert_eq!(output.status.code(), Some(70));
     let said = crate::support::text(&output.stderr);
-    assert!(said.contains("A: nothing new is concluded") && said.contains("poisoned"), "{said}");
+    assert!(said.contains("A: no new conclusion") && said.contains("poisoned"), "{said}");
     assert_eq!(workshop.number(OF_B), 1);
 }

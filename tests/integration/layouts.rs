@@ -89,7 +89,7 @@ fn a_proposal_is_tried_on_its_own_file_before_it_is_written() {
     // without a description, the file is read and no parameters are identified
     let read = workshop.stdout(&["layout", "infer", "R00_20260105_0847.csv"], 0);
     assert!(
-        read.contains("# Not identified: that needs a description") && read.contains(&rows.to_string()),
+        read.contains("# Not identified: this needs a description") && read.contains(&rows.to_string()),
         "{read}"
     );
 
@@ -180,7 +180,7 @@ fn a_layout_is_written_whole_and_needs_none_that_exists() {
     let before = fs::read(workshop.path(&export)).expect("the export");
     fs::write(workshop.path("own.db"), "SQLite format 3\0").expect("a database");
     workshop.stdout(&[&infer[..], &["--force"]].concat(), 0);
-    for (target, said) in [(export.as_str(), "never written to"), ("own.db", "never written over")] {
+    for (target, said) in [(export.as_str(), "not written to"), ("own.db", "not replaced")] {
         let refused = workshop.run(&["layout", "infer", &export, "-o", target, "--force"]);
         assert_eq!(refused.status.code(), Some(2), "{target}");
         assert!(text(&refused.stderr).contains(said), "{}", text(&refused.stderr));

@@ -38,7 +38,7 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
     let entered = workshop.stdout(&work, 0);
     assert!(entered.starts_with("entered      1: Left, joint 3, "), "{entered}");
     assert!(entered.contains("Z: gearbox changed\n"), "{entered}");
-    assert!(entered.contains("the history is judged with it"), "{entered}");
+    assert!(entered.contains("the history was evaluated with it"), "{entered}");
     assert_eq!(baselines(&workshop, 3), ["0 first_test 1,2", "1 maintenance 4,5"]);
     assert_eq!(baselines(&workshop, 2), ["0 first_test 1,2"]);
     assert_eq!(workshop.query("SELECT history - concluded FROM robot"), ["0"]);
@@ -63,7 +63,7 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
     let removed = workshop.stdout(&["maintenance", "--remove", "1"], 0);
     assert!(removed.starts_with("removed      1: Left, joint 3, "), "{removed}");
     assert!(removed.contains("Z: gearbox changed\n"), "{removed}");
-    assert!(removed.contains("the baseline before it counts again"), "{removed}");
+    assert!(removed.contains("the earlier baseline is valid again"), "{removed}");
     assert_eq!(workshop.dump(), before);
 }
 
@@ -111,9 +111,9 @@ fn what_cannot_be_entered_is_told_with_its_remedy() {
         (&["maintenance", "left", "--list"], "did you mean Left?"),
         (&["maintenance", robot, "--what", "grease", "--joint", "-1"], "-1 is not in 1..=255"),
         (&["maintenance", robot, "--what", "grease", "--joint", "9"], "has no joint 9"),
-        (&["maintenance", robot, "--what", "grease", "--at", "2999-01-01"], "lies ahead"),
+        (&["maintenance", robot, "--what", "grease", "--at", "2999-01-01"], "is in the future"),
         (&["maintenance", robot, "--what", "grease", "--at", "soon"], "2026-03-01T14:30"),
-        (&["maintenance", robot, "--what", "grease", "--at", "0020-01-01"], "lies before 1970"),
+        (&["maintenance", robot, "--what", "grease", "--at", "0020-01-01"], "is before 1970"),
         (&["maintenance", robot, "--what", "  "], "it is empty"),
         (&["maintenance", robot, "--what", "grease", "--by", " "], "it is empty"),
         (&["maintenance", "--remove", "7"], "no work has the number 7"),

@@ -98,7 +98,7 @@ fn counting_rows(simulated: &str, rows: usize, every: usize) -> String {
 fn mutations(simulated: &str) -> Vec<(String, &'static str)> {
     const COUNTS_ROWS: &str = "the column cycle counts rows, not cycles: 100 cycles in a row have 1 row each";
     const TOO_OFTEN: &str = "the column cycle changes too often to count cycles: 100 cycles in a row";
-    const FLICKERS: &str = "the stage signal goes back to an earlier stage too often: 100 cycles in a row";
+    const FLICKERS: &str = "the stage signal returns to an earlier stage too often: 100 cycles in a row";
     let counted = |cycle: u32| Some(cycle.to_string());
     let mut exports = vec![
         (still(1..10_501, 1.0, |row| (1, counted(row)), 0), COUNTS_ROWS),

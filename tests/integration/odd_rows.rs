@@ -62,7 +62,7 @@ fn rows_and_times_that_are_not_as_they_should_be_give_the_same_cycles() {
         cells
     };
     let cases: Vec<(&str, Vec<u8>)> = vec![
-        ("the row repeats the one before in every cell", joined(&twice).into_bytes()),
+        ("the row repeats the previous one in every cell", joined(&twice).into_bytes()),
         ("4096 NUL bytes behind the last row", [text.as_bytes(), &[0; 4096]].concat()),
         ("joint 6: its angle is folded", joined(&with_column(&sound, "pos_6", fold(-PI))).into_bytes()),
         ("joint 6: its angle is folded", joined(&with_column(&sound, "pos_6", fold(0.0))).into_bytes()),

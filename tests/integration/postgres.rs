@@ -345,12 +345,12 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     let reader = server.fleet().replace("user=armwatch", "user=reader");
     assert!(told(&["runs", "--db", &reader], 74).contains("the user of"));
     let unknown = server.fleet().replace("user=armwatch", "user=unknown");
-    assert!(told(&["runs", "--db", &unknown], 74).contains("does not let the user"));
+    assert!(told(&["runs", "--db", &unknown], 74).contains("refuses the user"));
     assert!(told(&["backup", "copy.db", "--db", &fleet], 74).contains("pg_dump --schema armwatch"));
     assert!(told(&["snapshot", "copy.db", "--db", &fleet], 74).contains("GRANT SELECT"));
     assert!(told(&["sql", "--db", &fleet, "DELETE FROM run"], 2).contains("reading only"));
     assert!(told(&["sql", "--db", &fleet, "DELETE FROM run RETURNING run_id"], 2).contains("read-only"));
-    assert!(told(&["sql", "--db", &fleet, "SELECT 1; SELECT 2"], 2).contains("more than one statement"));
+    assert!(told(&["sql", "--db", &fleet, "SELECT 1; SELECT 2"], 2).contains("several statements"));
     assert!(told(&["sql", "--db", &fleet, "/* nothing */ ;"], 2).contains("there is no statement"));
     for statement in [
         "SELECT set_config('transaction_read_only', 'off', false)",
@@ -367,14 +367,14 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     );
     let by_robot = "SELECT count(*) AS runs FROM runs WHERE robot = :robot AND run_id > :run";
     assert!(
-        told(&["sql", "--db", &fleet, by_robot, "--param", "run=0"], 0).contains("NULL, since no --param")
+        told(&["sql", "--db", &fleet, by_robot, "--param", "run=0"], 0).contains("NULL, because no --param")
     );
     let asked =
         ["sql", "--db", &fleet, "--json", by_robot, "--param", "robot=it's nobody", "--param", "run=0"];
     assert_eq!(workshop.stdout(&asked, 0).trim(), r#"{"runs":0}"#);
     assert!(told(&["sql", "--db", &fleet, "SELECT robo FROM runs"], 2).contains("robo"));
     let doctor = text(&workshop.run(&["doctor", "--all", "--db", &fleet]).stdout);
-    assert!(doctor.contains("is of this program's schema") && doctor.contains("pg_amcheck"), "{doctor}");
+    assert!(doctor.contains("has the schema of this program") && doctor.contains("pg_amcheck"), "{doctor}");
     server.sql_in("fleet", "UPDATE armwatch.schema_version SET version = 1000");
     assert!(told(&["runs", "--db", &fleet], 74).contains("use the newer program"));
     server.sql("CREATE DATABASE latin TEMPLATE template0 ENCODING 'LATIN1' LOCALE 'C'");
@@ -414,7 +414,7 @@ fn an_earlier_version_on_a_server_keeps_its_rows() {
             ],
         };
         let refused = both.workshop.run(&["status", "--db", &both.databases[1]]);
-        assert!(text(&refused.stderr).contains("bring it up to date"), "{}", text(&refused.stderr));
+        assert!(text(&refused.stderr).contains("upgrade it"), "{}", text(&refused.stderr));
         for database in &both.databases {
             both.workshop.stdout(&["ingest", "inbox", "--db", database], 0);
         }

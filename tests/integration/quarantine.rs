@@ -82,7 +82,7 @@ fn a_fault_is_told_with_its_place_and_a_corrected_export_settles_it() {
 
     fs::write(workshop.inbox(NAME), export.replace("#NV", "0.5")).expect("a corrected export");
     let explained = workshop.stdout(&["quarantine", "explain", "1"], 0);
-    assert!(explained.contains("holds another content now") && !explained.contains('^'), "{explained}");
+    assert!(explained.contains("now has other content") && !explained.contains('^'), "{explained}");
     workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(workshop.stdout(&["quarantine", "list"], 0), "nothing is quarantined\n");
     assert_eq!(

@@ -120,7 +120,7 @@ fn nothing_is_made_or_brought_up_to_date_by_reading() {
         let refused = workshop.run(&[arguments, &["--db", "older.db"][..]].concat());
         let said = text(&refused.stderr);
         assert_eq!(refused.status.code(), Some(74), "armwatch {arguments:?}\n{said}");
-        assert!(said.contains("bring it up to date"), "{said}");
+        assert!(said.contains("upgrade it"), "{said}");
     }
     assert!(fs::read(&older).expect("the file") == before);
 }
@@ -316,8 +316,8 @@ fn a_question_in_sql_is_one_statement_that_reads() {
         ("ATTACH 'other.db' AS other", "does not only read"),
         ("BEGIN", "does not only read"),
         ("DELETE FROM run RETURNING run_id", "reading only"),
-        ("SELECT 1; VACUUM INTO 'copy.db'", "more than one statement"),
-        ("SELECT 1; SELECT 2", "more than one statement"),
+        ("SELECT 1; VACUUM INTO 'copy.db'", "several statements"),
+        ("SELECT 1; SELECT 2", "several statements"),
         ("", "armwatch sql \"SELECT"),
         (" -- nothing\n;", "there is no statement"),
         ("SELECT ?", "write :NAME"),
@@ -352,7 +352,7 @@ fn parameters_of_a_statement_have_their_values_from_the_command_line() {
     let shipped = shipped.to_str().expect("text");
     let asked = workshop.run(&["sql", "--file", shipped]);
     assert_eq!(asked.status.code(), Some(0));
-    assert!(text(&asked.stderr).contains("NULL, since no --param"), "{}", text(&asked.stderr));
+    assert!(text(&asked.stderr).contains("NULL, because no --param"), "{}", text(&asked.stderr));
     let all = [
         "sql",
         "--file",
@@ -389,7 +389,7 @@ fn what_is_not_there_is_told_with_what_there_is() {
     let said = told(&["verify", "--parameters", "1", "--against", "99"], 2);
     assert!(said.contains("there is no run 99; runs known: 1-2"), "{said}");
     let said = told(&["status", "--db", "inbox"], 74);
-    assert!(said.contains("inbox is a folder, and no database; name the file in it"), "{said}");
+    assert!(said.contains("inbox is a folder, not a database; name the file in it"), "{said}");
     let one = workshop.stdout(&["identify", "--run", "1"], 0);
     assert!(one.starts_with("3 cycles of 1 run, model"), "{one}");
 

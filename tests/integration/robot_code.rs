@@ -233,15 +233,15 @@ fn what_cannot_be_is_said(workshop: &Workshop) {
     for (arguments, said) in [
         (&["--run", "9", "-o", "none"][..], "there is no run 9; runs with cycles: 1"),
         (&["--run", "1", "--cycles", "7", "-o", "none"], "no cycle 7"),
-        (&["--parameters", "cold", "-o", "none"], "no saved parameter set"),
+        (&["--parameters", "cold", "-o", "none"], "not a saved parameter set"),
         (&["--run", "1", "--description", &scara, "-o", "none"], "not the one that the cycles were analysed"),
-        (&["--run", "1", "--friction-minute", "5000", "-o", "none"], "name a minute from 0 to that"),
+        (&["--run", "1", "--friction-minute", "5000", "-o", "none"], "give a minute from 0 to this"),
         (
             &["--description-only", "--description", &ur10e, "-o", "none"],
             "no nominal parameters of joints 1, 2",
         ),
         (&["--description-only", "-o", "none"], "--description"),
-        (&["--run", "1", "-o", "mine"], "is not of this command and nothing is written"),
+        (&["--run", "1", "-o", "mine"], "was not written by this command, so nothing is written"),
     ] {
         let output = workshop.run(&[&["robot", "code", "--language", "c"], arguments].concat());
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");

@@ -80,7 +80,7 @@ fn what_cannot_be_is_said(workshop: &Workshop) {
     for (arguments, said) in [
         (&["--run", "9"][..], "there is no run 9; runs with cycles: 1"),
         (&["--run", "1", "--cycles", "7"], "no cycle 7"),
-        (&["--parameters", "cold"], "no saved parameter set"),
+        (&["--parameters", "cold"], "not a saved parameter set"),
         (&["--run", "1", "--description", scara], "not the one that the cycles were analysed with"),
         (&[], "--run"),
     ] {

@@ -78,7 +78,7 @@ fn a_programme_or_points_that_are_not_there_are_a_wrong_command_line() {
     for (more, part) in [
         (&["--trajectory", "none"][..], absent),
         (&["--parts", "points", "--points", "none"], absent),
-        (&["--trajectory", "binary"], "binary: is no UTF-8 text from byte 0 on"),
+        (&["--trajectory", "binary"], "binary: is not UTF-8 text from byte 0"),
         (&["--trajectory", "inbox"], "inbox: is a folder; name a file"),
     ] {
         let refused = said(&workshop, more, 2);
@@ -99,6 +99,6 @@ fn where_nothing_can_be_written_a_remedy_is_said() {
         let refused = text(&output.stderr);
         assert_eq!(output.status.code(), Some(74), "{arguments:?}: {refused}");
         assert!(refused.contains("cannot write file/"), "{refused}");
-        assert!(refused.contains("; a file lies where a folder is needed; name another folder"), "{refused}");
+        assert!(refused.contains("; there is a file instead of a folder; name another folder"), "{refused}");
     }
 }

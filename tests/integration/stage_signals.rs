@@ -73,7 +73,9 @@ fn two_stages_at_once_are_refused_with_their_line() {
     assert_eq!(said["rejection"]["line"].as_u64(), Some(row as u64 + 1));
     assert_eq!(said["rejection"]["column"], "fric");
     assert!(
-        said["rejection"]["reason"].as_str().is_some_and(|text| text.contains("two stages at once: exc"))
+        said["rejection"]["reason"]
+            .as_str()
+            .is_some_and(|text| text.contains("two stages at the same time: exc"))
     );
 }
 

@@ -373,7 +373,7 @@ fn rows_without_a_header_behind_a_cut_are_read_by_the_header_before() {
         workshop.query("SELECT run_id, status, cycles FROM runs ORDER BY run_id"),
         ["1|complete|2", "2|complete|1"]
     );
-    assert!(workshop.log().contains("the file was truncated and its rows go on without a header"));
+    assert!(workshop.log().contains("the file was truncated and its rows continue without a header"));
     let parameters = |workshop: &Workshop| {
         workshop.query(
             "SELECT joint, parameter, ROUND(value, 6) FROM cycle_parameters WHERE cycle = 3 ORDER BY 1, 2",

@@ -161,7 +161,7 @@ impl Workshop {
         let log = self.log();
         let look = |line: &str| {
             let (time, said) = line.split_once(' ')?;
-            Some((time.parse().ok()?, said.split_once("looked at the watched folders")?.1.to_owned()))
+            Some((time.parse().ok()?, said.split_once("scanned the watched folders")?.1.to_owned()))
         };
         log.lines().filter_map(look).collect()
     }

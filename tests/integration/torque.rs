@@ -213,7 +213,7 @@ fn an_export_is_found_again_or_asked_for_but_never_mistaken() {
     for more in [&[][..], &["--source", taken.to_str().expect("a path")]] {
         let output = workshop.run(&[&asked[..], more].concat());
         assert_eq!(output.status.code(), Some(74));
-        assert!(text(&output.stderr).contains("holds other content"), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("has other content"), "{}", text(&output.stderr));
     }
     std::fs::rename(&moved, &taken).expect("moved back");
     assert_eq!(workshop.stdout(&asked, 0), expected);
@@ -232,8 +232,8 @@ fn what_there_is_nothing_of_is_said() {
         (&["friction", "--run", "9"], "there is no run 9"),
         (&["friction", "--robot", "Left"], "there are runs of: R00"),
         (&["friction", "--robot", "R00", "--index"], "R00 has no friction index"),
-        (&["friction", "--run", "1", "--joint", "7"], "R00 has 6 joints, there is no joint 7"),
-        (&["friction", "--robot", "R00", "--index", "--joint", "7"], "R00 has 6 joints, there is no joint 7"),
+        (&["friction", "--run", "1", "--joint", "7"], "R00 has 6 joints, but no joint 7"),
+        (&["friction", "--robot", "R00", "--index", "--joint", "7"], "R00 has 6 joints, but no joint 7"),
         (
             &["torque", "--run", "1", "--cycle", "1", "--source", "none.csv"],
             "none.csv: there is no such file",
@@ -245,7 +245,7 @@ fn what_there_is_nothing_of_is_said() {
     }
     let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", "nowhere/a.csv"]);
     assert_eq!(output.status.code(), Some(74));
-    assert!(text(&output.stderr).contains("in a folder that is there"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("in an existing folder"), "{}", text(&output.stderr));
     on_a_full_disk_the_remedy_is_room(&workshop);
 
     // the export is not overwritten, whatever name is used for it
@@ -253,7 +253,7 @@ fn what_there_is_nothing_of_is_said() {
     let before = std::fs::read(workshop.path(&export)).expect("the export");
     let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", &export]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("never written to"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("not written to"), "{}", text(&output.stderr));
     assert_eq!(std::fs::read(workshop.path(&export)).expect("the export"), before);
 
     delete_run(&workshop, 1);

@@ -239,7 +239,7 @@ fn a_payload_is_found_within_its_intervals_although_gains_are_wrong() {
     assert_eq!(found["stated_gain_uncertainty"], 0.15);
     let table =
         workshop.stdout(&["payload", "--config", "wrong.toml", "--empty", &empty, "--loaded", &loaded], 0);
-    assert!(table.contains("mass_kg") && table.contains("drive gains: off by up to 15 %"), "{table}");
+    assert!(table.contains("mass_kg") && table.contains("drive gains: error up to 15 %"), "{table}");
 
     workshop.stdout(&["set-aside", &loaded, "--config", "wrong.toml"], 0);
     for (of, with, said) in [

@@ -408,7 +408,7 @@ fn parts_of_a_test_stand_alone(workshop: &Workshop) {
 
     fs::write(workshop.path("far.csv"), "pos_1,pos_2\n0,0\n9,0\n").expect("written");
     for (more, said) in [
-        (&["series", "--points", "points.csv"][..], "--points goes with the part points"),
+        (&["series", "--points", "points.csv"][..], "--points requires the part points"),
         (&["points", "--points", "far.csv"][..], "point 2: joint 1 at 9"),
         (&["other"][..], "possible values"),
     ] {

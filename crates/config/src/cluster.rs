@@ -64,7 +64,9 @@ fn read_host(value: &Value<'_>) -> Option<String> {
 pub fn host_name(name: &str) -> Result<String, String> {
     let is_allowed = |of: char| of.is_ascii_alphanumeric() || matches!(of, '-' | '_' | '.');
     if name.is_empty() || name.len() > 63 || !name.chars().all(is_allowed) {
-        return Err("is no name of a host: letters, digits, \"-\", \"_\" and \".\", 63 at most".into());
+        return Err(
+            "is not a host name: only letters, digits, \"-\", \"_\" and \".\", at most 63 characters".into(),
+        );
     }
     Ok(name.to_owned())
 }

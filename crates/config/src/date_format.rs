@@ -61,7 +61,7 @@ pub(super) fn read(table: Option<&Table<'_>>, has: impl Fn(&str) -> bool) -> Opt
         let Some(value) = table.and_then(|table| table.optional(key)) else { return Some(None) };
         let format = value.text()?;
         if !has(group) {
-            let hint = format!("name the part of the name that holds it: (?<{group}>..)");
+            let hint = format!("mark its place in the name: (?<{group}>..)");
             value.refuse(format!("needs a group {group} in file_name"), Some(hint));
             return None;
         }
@@ -81,7 +81,7 @@ pub(super) fn read(table: Option<&Table<'_>>, has: impl Fn(&str) -> bool) -> Opt
         "time_format",
         "time",
         gives_time,
-        "the hour, and minutes and seconds where there are any: %H-%M-%S for 08-47-30",
+        "the hour, and minutes and seconds if there are any: %H-%M-%S for 08-47-30",
     );
     Some(DateFormats { date: date?, time: time? })
 }
@@ -89,7 +89,7 @@ pub(super) fn read(table: Option<&Table<'_>>, has: impl Fn(&str) -> bool) -> Opt
 fn refuse(value: &Value<'_>, wanted: &str) {
     value.refuse(
         format!("must give {wanted}"),
-        Some("conversions are those of strptime, each with its %; everything else stands for itself".into()),
+        Some("conversions are those of strptime, each with its %; everything else is literal text".into()),
     );
 }
 
@@ -142,7 +142,7 @@ fn eight_digits(text: &str) -> Result<Date, String> {
         return Err(format!("the year {year} is not between {} and {}", YEARS.start(), YEARS.end()));
     }
     let (month, day) = (small(month)?, small(day)?);
-    Date::new(year, month, day).map_err(|_| format!("there is no day {day} of month {month} in {year}"))
+    Date::new(year, month, day).map_err(|_| format!("month {month} of {year} has no day {day}"))
 }
 
 fn digits_of_clock(text: &str) -> Result<Time, String> {
@@ -152,7 +152,7 @@ fn digits_of_clock(text: &str) -> Result<Time, String> {
     // a leap second, which no clock of this program has; strptime treats it likewise
     let shown = if second == 60 { 59 } else { second };
     Time::new(small(hour)?, small(minute)?, small(shown)?, 0)
-        .map_err(|_| format!("there is no time {hour:02}:{minute:02}:{second:02}"))
+        .map_err(|_| format!("the time {hour:02}:{minute:02}:{second:02} does not exist"))
 }
 
 fn small(number: i16) -> Result<i8, String> {

@@ -18,7 +18,7 @@ type Expectation = (&'static str, &'static [(usize, &'static str, &'static str)]
 
 const ROBOTS: &[Expectation] = &[
     ("sound", &[]),
-    ("convention_unknown", &[(2, "convention", "is not understood; write \"modified_dh\" (Craig)")]),
+    ("convention_unknown", &[(2, "convention", "is not known; write \"modified_dh\" (Craig)")]),
     ("convention_missing", &[(1, "convention", "is missing; write \"modified_dh\" (Craig)")]),
     ("standard_dh", &[]),
     ("tool_and_friction_model", &[]),
@@ -27,7 +27,7 @@ const ROBOTS: &[Expectation] = &[
         &[(5, "friction_model", "must be \"polynomial\", \"viscous_coulomb\", \"smooth\" or \"none\"")],
     ),
     ("smooth_without_speed", &[(1, "smooth_speed_rad_s", "is missing")]),
-    ("smooth_speed_of_nothing", &[(6, "smooth_speed_rad_s", "only means something with")]),
+    ("smooth_speed_of_nothing", &[(6, "smooth_speed_rad_s", "has an effect only with")]),
     ("polynomial_asymmetric", &[(1, "", "no columns in the polynomial model")]),
     ("transmission_singular", &[(6, "transmission.motor_per_joint", "is singular")]),
     ("transmission_of_three_joints", &[(6, "transmission.motor_per_joint", "must have 2 rows of 2 numbers")]),
@@ -82,7 +82,7 @@ const ROBOTS: &[Expectation] = &[
     ),
     ("gravity_with_two_entries", &[(3, "gravity_m_s2", "has 2 entries, must have 3")]),
     ("speed_levels_in_percent", &[(4, "speed_levels[3]", "= 100: must be above 0 and at most 1")]),
-    ("speed_levels_falling", &[(4, "speed_levels", "must rise from level to level")]),
+    ("speed_levels_falling", &[(4, "speed_levels", "must increase from level to level")]),
     ("excitation_of_two_joints", &[(29, "excitation.centre_rad", "has 2 entries, must have 1")]),
     ("excitation_with_unequal_harmonics", &[(27, "excitation", "the same number of harmonics")]),
     (
@@ -91,7 +91,7 @@ const ROBOTS: &[Expectation] = &[
     ),
     ("low_speed_above_velocity", &[(6, "joint[1]", "low_speed must be smaller than velocity_max")]),
     ("ten_joints", &[(6, "joint", "joint: 10 joints, must be 1 to 9")]),
-    ("no_joints", &[(1, "joint", "write one [[joint]] a joint")]),
+    ("no_joints", &[(1, "joint", "write one [[joint]] per joint")]),
 ];
 
 const LAYOUTS: &[Expectation] = &[
@@ -100,14 +100,14 @@ const LAYOUTS: &[Expectation] = &[
     ("unit_unknown", &[(10, "position.unit", "must be one of rad, deg, rev, m")]),
     ("joint_number_missing", &[(13, "torque.column", "must contain {joint}")]),
     ("joint_number_in_time", &[(5, "time.column", "must not contain {joint}")]),
-    ("column_read_twice", &[(24, "if_present.cycle", "already read as something else")]),
+    ("column_read_twice", &[(24, "if_present.cycle", "another key already reads this column")]),
     ("stage_value_with_two_meanings", &[(21, "stage.warming[1]", "already means friction")]),
     ("stage_value_not_whole", &[(19, "stage.excitation[1]", "must be a whole number")]),
     ("excitation_without_value", &[(19, "stage.excitation", "must have an entry")]),
     ("in_amperes", &[]),
     ("sign_zero", &[(15, "torque.sign", "must be 1 or -1")]),
     ("column_and_columns", &[(14, "torque.columns", "already given as column")]),
-    ("column_number_twice", &[(13, "torque.columns[3]", "already read as something else")]),
+    ("column_number_twice", &[(13, "torque.columns[3]", "another key already reads this column")]),
     ("delimiter_is_a_point", &[(2, "delimiter", "must be one of")]),
     ("table_misspelt", &[(12, "torqe", "did you mean torque?")]),
 ];
@@ -124,10 +124,7 @@ const DAEMON: &[Expectation] = &[
         ],
     ),
     ("retention_forever", &[]),
-    (
-        "snapshot_over_the_database",
-        &[(9, "snapshot.file", "is the database itself, of which it is to be a copy; name another file")],
-    ),
+    ("snapshot_over_the_database", &[(9, "snapshot.file", "is the database itself; name another file")]),
     ("estimator_unknown", &[(19, "analysis.estimator", "must be \"ordinary\", \"weighted\" or \"huber\"")]),
     ("finding_misspelt", &[(19, "analysis.accept[2]", "did you mean late_torque?")]),
     ("key_misspelt", &[(5, "watch.scan_intervall_s", "did you mean scan_interval_s?")]),
@@ -140,8 +137,8 @@ const DAEMON: &[Expectation] = &[
     ),
     ("pattern_without_robot", &[(9, "recognition.file_name", "has no group robot")]),
     ("pattern_with_time_but_no_date", &[(9, "recognition.file_name", "has a group time but no group date")]),
-    ("time_zone_unknown", &[(10, "recognition.time_zone", "is no time zone known on this machine")]),
-    ("folder_twice", &[(4, "watch.folders[2]", "is named twice")]),
+    ("time_zone_unknown", &[(10, "recognition.time_zone", "is not a time zone known on this computer")]),
+    ("folder_twice", &[(4, "watch.folders[2]", "is listed twice")]),
     ("no_robot", &[(1, "robot", "is missing; write [[robot]]")]),
     ("robot_in_single_brackets", &[(12, "robot", "write [[robot]] in double brackets")]),
     ("description_missing", &[(14, "robot[1].description", "er3b.toml cannot be read")]),
@@ -150,7 +147,7 @@ const DAEMON: &[Expectation] = &[
         "currents_without_gains",
         &[(12, "robot[1]", "lacks drive_gain_nm_a of joint 1, drive_gain_nm_a of joint 2")],
     ),
-    ("sliding_joint_in_degrees", &[(12, "robot[1]", "scara-example has a sliding joint")]),
+    ("sliding_joint_in_degrees", &[(12, "robot[1]", "scara-example has a prismatic joint")]),
     ("robot_pattern_twice", &[(18, "robot[2].name", "is already given")]),
     ("robot_pattern_never_used", &[(18, "robot[2].name", "put the narrower pattern first")]),
     ("robot_patterns_crossing", &[(18, "robot[2].name", "some names match this and \"R*\"")]),
@@ -188,18 +185,22 @@ const DAEMON: &[Expectation] = &[
             (2, "alerts.remind_after_h", "must be between 0 and 8766 h"),
             (6, "alerts.route[1].severity", "write one of \"info\", \"warning\", \"critical\""),
             (7, "alerts.route[1].quiet", "such as \"22:00-06:00\""),
-            (8, "alerts.route[1].time_zone", "is no time zone known on this machine"),
-            (10, "alerts.route[1].webhook.url", "holds a user or a password; write user and password_file"),
+            (8, "alerts.route[1].time_zone", "is not a time zone known on this computer"),
+            (
+                10,
+                "alerts.route[1].webhook.url",
+                "contains a user or a password; write user and password_file",
+            ),
             (11, "alerts.route[1].webhook.signing_secret", "write signing_secret_file or signing_secret_env"),
             (14, "alerts.route[2].name", "is the name of an earlier route"),
             (15, "alerts.route[2].kinds[1]", "is not known here; write one of \"drift\""),
-            (16, "alerts.route[2].digest_at", "is no time of day"),
-            (19, "alerts.route[2].email.from", "is no mail address"),
+            (16, "alerts.route[2].digest_at", "is not a time of day"),
+            (19, "alerts.route[2].email.from", "is not a mail address"),
             (20, "alerts.route[2].email.to", "names nobody"),
             (25, "alerts.route[3].command", "the route already has the receiver log"),
             (28, "alerts.route[4]", "has no receiver; write one of [alerts.route.log]"),
-            (33, "alerts.route[5].mqtt", "has a user and no password"),
-            (35, "alerts.route[5].mqtt.topic", "is no topic to publish to"),
+            (33, "alerts.route[5].mqtt", "has a user but no password"),
+            (35, "alerts.route[5].mqtt.topic", "is not a topic for publishing"),
         ],
     ),
     ("key_twice", &[(7, "", "duplicate key")]),
@@ -324,7 +325,7 @@ fn an_entry_for_some_files_comes_before_that_for_all_of_them() {
     assert_eq!(config.robot_entry("R00").map(|entry| entry.layout.name.as_str()), Some("native"));
     std::fs::write(&path, format!("{tests}{work}")).expect("written");
     let errors = Config::read(&path).expect_err("one is never used");
-    assert!(errors.to_string().contains("takes all files of these robots"), "{errors}");
+    assert!(errors.to_string().contains("matches all files of these robots"), "{errors}");
 }
 
 #[test]

@@ -108,9 +108,7 @@ impl MomentFormat {
             return Err(format!("gives {twice} twice"));
         }
         if has(Field::Hour12) != format.has(DatePart::Meridiem) {
-            return Err(
-                "needs %I and %p together: hours from 1 to 12 do not tell morning from afternoon".into()
-            );
+            return Err("needs %I and %p together: hours from 1 to 12 are ambiguous".into());
         }
         if !whole_date && !has(Field::Hour) && !has(Field::Hour12) && !has(Field::Second) {
             return Err("gives neither a date nor a time".into());
@@ -436,7 +434,8 @@ fn add(parts: &mut Vec<DatePart>, conversion: char, has_mark: bool) -> Result<()
         }
         other => {
             return Err(format!(
-                "has %{other}, which is no conversion; known are %Y %y %m %d %j %b %B %a %A %H %I %M %S %f %p %z %F %T %R"
+                "has %{other}, which is not a conversion; the conversions are %Y %y %m %d %j %b %B %a %A %H \
+                %I %M %S %f %p %z %F %T %R"
             ));
         }
     }
@@ -557,11 +556,11 @@ mod tests {
         for (format, said) in [
             ("%d/%m %T", "part of a date"),
             ("%Y %T", "part of a date"),
-            ("%I:%M:%S", "morning from afternoon"),
-            ("%H:%M:%S %p", "morning from afternoon"),
+            ("%I:%M:%S", "are ambiguous"),
+            ("%H:%M:%S %p", "are ambiguous"),
             ("%x %T", "depends on the country"),
             ("%D %T", "depends on the country"),
-            ("%Q", "no conversion"),
+            ("%Q", "not a conversion"),
             ("%", "ends with a %"),
             ("", "neither"),
             ("YYYY", "neither"),

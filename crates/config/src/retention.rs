@@ -47,7 +47,7 @@ fn read_days(value: &Value<'_>) -> Option<Option<f64>> {
         Some(FOR_EVER) => Some(None),
         Some(_) => {
             let hint = format!("write a number of days, or \"{FOR_EVER}\"");
-            value.refuse("is no number of days".into(), Some(hint));
+            value.refuse("is not a number of days".into(), Some(hint));
             None
         }
         None => value.number(&Limits::between(0.0, 36_500.0, "days")).map(Some),

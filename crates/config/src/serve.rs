@@ -161,8 +161,8 @@ fn read_tokens(value: &Value<'_>) -> Option<Vec<TokenSettings>> {
         if let Some(name) = &name {
             if names.contains(name) {
                 section.refuse(
-                    format!("there are two tokens \"{name}\""),
-                    Some("give each a name of its own".into()),
+                    format!("two tokens have the name \"{name}\""),
+                    Some("give each its own name".into()),
                 );
                 return None;
             }
@@ -187,7 +187,7 @@ fn read_scopes(value: &Value<'_>) -> Option<Vec<Scope>> {
         let text = item.text()?;
         let scope = Scope::ALL.into_iter().find(|scope| scope.name() == text);
         if scope.is_none() {
-            item.refuse("is no scope".into(), Some("write \"read\", \"act\" or \"upload\"".into()));
+            item.refuse("is not a scope".into(), Some("write \"read\", \"act\" or \"upload\"".into()));
         }
         scope
     };
@@ -209,7 +209,7 @@ fn read_public_url(value: &Value<'_>) -> Option<String> {
     });
     if !is_address {
         let hint = "write the address that people open, such as \"https://plant.example/armwatch/\"";
-        value.refuse("is no address of a page".into(), Some(hint.into()));
+        value.refuse("is not the address of a page".into(), Some(hint.into()));
         return None;
     }
     Some(format!("{}/", text.trim_end_matches('/')))
@@ -219,7 +219,10 @@ fn read_proxies(value: &Value<'_>) -> Option<Vec<IpAddr>> {
     let read = |item: Value<'_>| {
         let address = item.text()?.parse().ok();
         if address.is_none() {
-            item.refuse("is no IP address".into(), Some("write such as \"127.0.0.1\" or \"fd00::7\"".into()));
+            item.refuse(
+                "is not an IP address".into(),
+                Some("write such as \"127.0.0.1\" or \"fd00::7\"".into()),
+            );
         }
         address
     };
@@ -230,7 +233,7 @@ fn read_address(value: &Value<'_>) -> Option<SocketAddr> {
     let address = value.text()?.parse().ok();
     if address.is_none() {
         let hint = format!("write a number and a port, such as \"{DEFAULT_LISTEN}\" or \"0.0.0.0:8650\"");
-        value.refuse("is no address to listen on".into(), Some(hint));
+        value.refuse("is not a listening address".into(), Some(hint));
     }
     address
 }
@@ -272,8 +275,8 @@ fn read_choice(value: &Value<'_>) -> Option<bool> {
         "refuse" => Some(false),
         "take" => Some(true),
         _ => {
-            let hint = "write \"refuse\" or \"take\"; what is taken and not recognised is quarantined";
-            value.refuse("is no choice".into(), Some(hint.into()));
+            let hint = "write \"refuse\" or \"take\"; with \"take\", unrecognised files are quarantined";
+            value.refuse("is not a valid choice".into(), Some(hint.into()));
             None
         }
     }

@@ -37,7 +37,7 @@ fn read_file(value: &Value<'_>, database: Option<&str>) -> Option<PathBuf> {
     let file = PathBuf::from(value.text()?);
     if database.is_some_and(|database| resolved(&file) == resolved(Path::new(database))) {
         let hint = "name another file, such as \"snapshot/armwatch.db\"".to_owned();
-        value.refuse("is the database itself, of which it is to be a copy".into(), Some(hint));
+        value.refuse("is the database itself".into(), Some(hint));
         return None;
     }
     Some(file)

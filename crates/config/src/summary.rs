@@ -39,14 +39,18 @@ pub fn summary(config: &Config) -> String {
     let limits = &config.limits;
     line(
         "exports at once",
-        format!("{0} small and {0} large, from {1}", limits.backlog_files, size(limits.large_file_bytes)),
+        format!(
+            "{0} small and {0} large ones, large from {1}",
+            limits.backlog_files,
+            size(limits.large_file_bytes)
+        ),
     );
     line("longest export", format!("{} after decompression", size(limits.export_bytes)));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("memory of cycles", size(limits.cycles_bytes as u64));
     line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
     line("factors of tests", kept(config.retention.tests_days, "then removed"));
-    line("factors of ordinary work", kept(config.retention.production_days, "then joined, one a log"));
+    line("factors of production", kept(config.retention.production_days, "then joined, one per log"));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
     if config.serve.is_some() {
         line("HTTP clients", clients(&config.clients));
@@ -78,7 +82,7 @@ pub fn summary(config: &Config) -> String {
     let levels =
         |warning, critical| format!("warning from {}, critical from {}", percent(warning), percent(critical));
     line("friction drift", levels(detect.drift_warning, detect.drift_critical));
-    line("false alarms", format!("{} a robot and year", detect.false_alarms_per_robot_year));
+    line("false alarms", format!("{} per robot and year", detect.false_alarms_per_robot_year));
     if let Some(sigma) = detect.drift_sigma {
         line("drift significance", format!("{sigma} standard deviations, whatever the rate"));
     }
@@ -139,7 +143,7 @@ fn clients(clients: &ClientSettings) -> String {
     let scopes = |of: &[Scope]| of.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
     let requests = match clients.requests_per_s {
         0.0 => "any number of requests".to_owned(),
-        most => format!("{most} requests a second of one address"),
+        most => format!("{most} requests per second from one address"),
     };
     let token = |token: &crate::serve::TokenSettings| {
         format!("; token {} in {} may {}", token.name, token.file.display(), scopes(&token.scopes))
@@ -170,7 +174,7 @@ fn arm(robot: &Robot) -> String {
     let sliding = robot.joints.iter().filter(|joint| joint.kind == JointKind::Prismatic).count();
     let kinds = match sliding {
         0 => String::new(),
-        _ => format!(" ({sliding} sliding)"),
+        _ => format!(" ({sliding} prismatic)"),
     };
     let nominal = robot.joints.iter().filter(|joint| joint.nominal.is_some()).count();
     let excitation = if robot.excitation.is_some() { "an excitation" } else { "no excitation" };
@@ -189,10 +193,10 @@ fn arm(robot: &Robot) -> String {
 fn layout(layout: &Layout) -> String {
     let velocity = if layout.velocity.is_some() { "velocity recorded" } else { "velocity derived" };
     let bad = layout.rows.skip_bad;
-    let rows = if bad > 0 { format!(", up to {bad} bad rows passed over") } else { String::new() };
+    let rows = if bad > 0 { format!(", up to {bad} bad rows skipped") } else { String::new() };
     let late = layout.torque.delay != JointDelays::default()
         || layout.velocity.as_ref().is_some_and(|velocity| velocity.delay != JointDelays::default());
-    let late = if late { ", delays taken off" } else { "" };
+    let late = if late { ", delays removed" } else { "" };
     let start = layout.start.as_ref().map(|start| format!(", start from column {}", start.column));
     let unrecorded: Vec<String> = layout.without_torque.iter().map(ToString::to_string).collect();
     let unrecorded = match unrecorded.as_slice() {
@@ -244,7 +248,7 @@ mod tests {
             "longest cycle             1000000 rows",
             "memory of cycles          512 MiB",
             "factors of tests          kept for 120 days, then removed",
-            "factors of ordinary work  kept for 7 days, then joined, one a log",
+            "factors of production  kept for 7 days, then joined, one per log",
             "HTTP                      off",
             "alarms, route log         log to the log, from info on",
             "time zone of file names   UTC",

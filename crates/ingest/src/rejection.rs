@@ -70,7 +70,7 @@ impl Rejection {
     pub(super) fn with_header_at(mut self, line: u64) -> Self {
         let lines = line.saturating_sub(1);
         self.remedy =
-            format!("the names of the columns stand in line {line}: set skip_lines = {lines} in the layout")
+            format!("the names of the columns are in line {line}: set skip_lines = {lines} in the layout")
                 .into();
         self
     }

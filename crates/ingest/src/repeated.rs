@@ -30,7 +30,7 @@ pub fn explained(rejection: Rejection, most: u64) -> Rejection {
             lines(first)
         )
         .into(),
-        remedy: format!("delete {}, and let the sender send each part of the recording once", lines(line))
+        remedy: format!("delete {}, and make the sender send each part of the recording once", lines(line))
             .into(),
         ..rejection
     }
@@ -72,7 +72,7 @@ impl Iterator for Lines {
 mod tests {
     use super::*;
 
-    const BACKWARDS: &str = "earlier than 3 in the row before: time runs backwards";
+    const BACKWARDS: &str = "earlier than 3 in the previous row: time runs backwards";
 
     fn explained_in(text: &str, reason: &str, line: u64) -> (String, String) {
         let folder = tempfile::tempdir().unwrap();
@@ -86,7 +86,7 @@ mod tests {
     fn a_part_that_was_sent_twice_is_named_with_its_lines() {
         let (reason, remedy) = explained_in("time,a\n1,5\n2,6\n3,7\n2,6\n3,7\n4,8\n", BACKWARDS, 5);
         assert_eq!(reason, format!("{BACKWARDS}: lines 5 to 6 repeat lines 3 to 4, which were sent twice"));
-        assert_eq!(remedy, "delete lines 5 to 6, and let the sender send each part of the recording once");
+        assert_eq!(remedy, "delete lines 5 to 6, and make the sender send each part of the recording once");
         // of a third copy the second is the original, and nothing follows the last row
         let (reason, _) = explained_in("time,a\n1,5\n2,6\n1,5\n2,6\n1,5", BACKWARDS, 6);
         assert_eq!(reason, format!("{BACKWARDS}: line 6 repeats line 4, which was sent twice"));

@@ -42,7 +42,7 @@ impl Store {
                 Err(refused("it is a database that is in use"))
             }
             Ok(Some(true)) => Ok(()),
-            Ok(Some(false)) => Err(refused("it is no armwatch database")),
+            Ok(Some(false)) => Err(refused("it is not an armwatch database")),
             Err(error) => Err(not_written(target, error)),
         }
     }

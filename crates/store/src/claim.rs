@@ -124,7 +124,8 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
         LockOutcome::Unavailable => {
             tracing::warn!(
                 database = %database.display(),
-                "the database file cannot be locked; a second daemon by another name of the file would not be noticed"
+                "the database file cannot be locked; a second daemon under another name of the file would \
+                not be noticed"
             );
             None
         }
@@ -174,6 +175,6 @@ fn make_private(file: &File, database: &Path) {
 fn leave_number(mut file: &File) {
     let number = std::process::id();
     if let Err(error) = file.set_len(0).and_then(|()| writeln!(file, "{number}")) {
-        tracing::debug!(%error, "the number of this process is not beside the database");
+        tracing::debug!(%error, "the process number could not be written next to the database");
     }
 }

@@ -41,8 +41,8 @@ pub enum StoreError {
     },
     /// The file, or a file that a program has left next to it, cannot be read.
     #[error(
-        "cannot read database {} ({detail}); check that this user may read it and the files beside it that end with -wal \
-         and -shm, or read a copy of all three",
+        "cannot read database {} ({detail}); check that this user may read it and the files next to it that \
+        end with -wal and -shm, or read a copy of all three",
         .path.display()
     )]
     NotReadable {
@@ -52,13 +52,13 @@ pub enum StoreError {
         detail: String,
     },
     /// A snapshot would overwrite something else.
-    #[error("{} is there and no snapshot; name another file, or move this one away", .path.display())]
+    #[error("{} exists and is not a snapshot; name another file, or move this one away", .path.display())]
     NotASnapshot {
         /// The file.
         path: PathBuf,
     },
     /// A backup would overwrite something else.
-    #[error("{} is left alone ({detail}); name another file, or move this one away", .path.display())]
+    #[error("{} is not changed ({detail}); name another file, or move this one away", .path.display())]
     NotABackup {
         /// The file.
         path: PathBuf,
@@ -66,15 +66,15 @@ pub enum StoreError {
         detail: String,
     },
     /// The file is a snapshot, which is read-only.
-    #[error("{} is a snapshot, which can only be read; name the database that it was made of", .path.display())]
+    #[error("{} is a snapshot, which can only be read; name its source database", .path.display())]
     Snapshot {
         /// The file.
         path: PathBuf,
     },
     /// The file is a snapshot, but the operation needs the factors of cycles.
     #[error(
-        "{} is a snapshot, a copy for readers without the factors of cycles, so that {without}; name the database that it \
-         was made of with --db",
+        "{} is a snapshot, a copy for readers without the factors of cycles, so that {without}; name its \
+        source database with --db",
         .path.display()
     )]
     NoFactorsInSnapshot {
@@ -84,7 +84,7 @@ pub enum StoreError {
         without: &'static str,
     },
     /// The path of the database is a folder.
-    #[error("{} is a folder, and no database; name the file in it, such as {}", .path.display(), .path.join("armwatch.db").display())]
+    #[error("{} is a folder, not a database; name the file in it, such as {}", .path.display(), .path.join("armwatch.db").display())]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -112,7 +112,7 @@ pub enum StoreError {
     },
     /// An older program made the schema, and the database is open read-only.
     #[error(
-        "database {} has schema {found}, this program {known}; `armwatch run` and `armwatch ingest` bring it up to date",
+        "database {} has schema {found}, this program {known}; `armwatch run` and `armwatch ingest` upgrade it",
         .path.display()
     )]
     Older {
@@ -125,8 +125,8 @@ pub enum StoreError {
     },
     /// The schema is too old to be upgraded.
     #[error(
-        "database {} has schema {found}, and this program brings schemas from {oldest} on up to date; open it once with a \
-         program that made schema 50, or move it away and ingest the exports again",
+        "database {} has schema {found}, and this program upgrades schemas from {oldest}; open it once with \
+        a program that has schema 50, or move it away and ingest the exports again",
         .path.display()
     )]
     TooOld {
@@ -150,8 +150,9 @@ pub enum StoreError {
     },
     /// The open database is no longer the file at its path.
     #[error(
-        "database {} was moved, deleted or replaced while it was open ({detail}); nothing more is stored: start again to use \
-         the file that is there now, and stop every program that uses a database before you move or restore it",
+        "database {} was moved, deleted or replaced while it was open ({detail}); nothing more is stored: \
+        start again to use the present file, and stop every program that uses a database before you move or \
+        restore it",
         .path.display()
     )]
     Displaced {
@@ -198,8 +199,8 @@ pub enum StoreError {
     },
     /// Another daemon of this host, or one without a name, works on a database on a server.
     #[error(
-        "another armwatch daemon{} works on database {}; stop it first, or give each daemon a name of its own with \
-         `armwatch run --host NAME`",
+        "another armwatch daemon{} works on database {}; stop it first, or give each daemon its own name \
+        with `armwatch run --host NAME`",
         if .host.is_empty() { String::new() } else { format!(" called {host}") }, .path.display()
     )]
     HostAtWork {
@@ -210,8 +211,8 @@ pub enum StoreError {
     },
     /// The lease of this program has ended, and other daemons have claimed its work. The caller can try again.
     #[error(
-        "the lease of this program on database {} has ended, and others have taken over its work; it goes on by itself, \
-         raise lease_s under [cluster] if that happens often",
+        "the lease of this program on database {} has ended, and others have taken over its work; it \
+        continues automatically; raise lease_s under [cluster] if this happens often",
         .path.display()
     )]
     LeaseEnded {
@@ -228,7 +229,8 @@ pub enum StoreError {
     },
     /// Results were offered for a run that accepts none.
     #[error(
-        "run {run_id} in database {} is not being stored; it was discarded or quarantined meanwhile, ingest its export again",
+        "run {run_id} in database {} is not being stored; it was discarded or quarantined in the meantime; \
+        ingest its export again",
         .path.display()
     )]
     RunNotOpen {
@@ -239,8 +241,8 @@ pub enum StoreError {
     },
     /// The server of the database does not answer, or has ended the connection. The caller can try again.
     #[error(
-        "no server answers for database {} ({detail}); check that it runs at that host and port, takes connections from \
-         this machine (listen_addresses, pg_hba.conf), and that no firewall is between",
+        "no server answers for database {} ({detail}); check that it runs at that host and port, accepts \
+        connections from this computer (listen_addresses, pg_hba.conf), and that no firewall is between",
         .path.display()
     )]
     Unreachable {
@@ -251,8 +253,8 @@ pub enum StoreError {
     },
     /// The server refuses the login.
     #[error(
-        "the server does not let the user of {} in ({detail}); check name and password (in the address, in ~/.pgpass or in \
-         PGPASSWORD), and the server's pg_hba.conf",
+        "the server refuses the user of {} ({detail}); check name and password (in the address, in \
+        ~/.pgpass or in PGPASSWORD), and the server's pg_hba.conf",
         .path.display()
     )]
     Login {
@@ -274,7 +276,7 @@ pub enum StoreError {
         detail: String,
     },
     /// The server has no such database.
-    #[error("database {} is not there ({detail}); make it with `createdb --encoding UTF8`", .path.display())]
+    #[error("database {} does not exist ({detail}); create it with `createdb --encoding UTF8`", .path.display())]
     NoDatabase {
         /// Address of the database, without a password.
         path: PathBuf,
@@ -295,7 +297,7 @@ pub enum StoreError {
     },
     /// The server is older than the schema requires.
     #[error(
-        "the server of database {} is PostgreSQL {version}, which is too old; take 13 or later, tested with 15",
+        "the server of database {} is PostgreSQL {version}, which is too old; use 13 or later, tested with 15",
         .path.display()
     )]
     ServerTooOld {
@@ -306,7 +308,7 @@ pub enum StoreError {
     },
     /// The address is malformed.
     #[error(
-        "the address {} is not understood ({detail}); write it as postgres://user@host:5432/name",
+        "the address {} is not valid ({detail}); write it as postgres://user@host:5432/name",
         .path.display()
     )]
     Address {
@@ -316,7 +318,7 @@ pub enum StoreError {
         detail: String,
     },
     /// Only the programs of the server perform the operation.
-    #[error("{what} of database {} is left to its server; {instead}", .path.display())]
+    #[error("the server is responsible for {what} of database {}; {instead}", .path.display())]
     OnServer {
         /// Address of the database, without a password.
         path: PathBuf,
@@ -326,7 +328,7 @@ pub enum StoreError {
         instead: String,
     },
     /// Any other error of a server.
-    #[error("database {} failed ({detail}); start again, and look into the log of the server", .path.display())]
+    #[error("database {} failed ({detail}); start again, and read the log of the server", .path.display())]
     Server {
         /// Address of the database, without a password.
         path: PathBuf,

@@ -41,7 +41,7 @@ impl OpenFiles {
                 Ok(found) if id_of(&found) != *opened => Some(format!("another file is now at {name}")),
                 Ok(_) => None,
                 Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
-                    Some(format!("{name} is not there any more"))
+                    Some(format!("{name} no longer exists"))
                 }
                 // an error of the path gives no information about the file
                 Err(_) => None,

@@ -118,8 +118,8 @@ impl Store {
         if self.dialect() == Dialect::Postgres {
             let path = self.path.display();
             return Err(SqlError::Forbidden(format!(
-                "the database is on a server, which statements of others are put to there: `psql {path}`, as a user who \
-                 may only read, with the views in schema armwatch"
+                "the database is on a server, so query it there: `psql {path}`, as a user who may only \
+                read, with the views in schema armwatch"
             )));
         }
         let names = Names::of(statement).map_err(SqlError::Forbidden)?;
@@ -127,8 +127,7 @@ impl Store {
             return Err(SqlError::Forbidden(format!("a statement has at most {LONGEST_STATEMENT} bytes")));
         }
         if names.expanded > MOST_TOKENS {
-            let sentence =
-                format!("with its tables of WITH put in, a statement has at most {MOST_TOKENS} words");
+            let sentence = format!("after expansion of WITH, a statement has at most {MOST_TOKENS} words");
             return Err(SqlError::Forbidden(sentence));
         }
         if !names.first.as_deref().is_some_and(|first| ["select", "with", "values"].contains(&first)) {
@@ -211,7 +210,7 @@ impl Asking<'_> {
     ) -> Result<Result<SqlAnswer, SqlError>, rusqlite::Error> {
         let mut prepared = connection.prepare(self.statement)?;
         if !prepared.readonly() || prepared.is_explain() != 0 {
-            return Ok(Err(SqlError::Forbidden("the statement does more than reading".into())));
+            return Ok(Err(SqlError::Forbidden("the statement does more than read".into())));
         }
         let columns = prepared.column_names().into_iter().map(str::to_owned).collect();
         let mut rows = prepared.query(params_from_iter(parameters.iter().map(Parameter)))?;
@@ -242,7 +241,7 @@ impl Asking<'_> {
                 let at = usize::try_from(*offset).ok().map(|offset| place(self.statement, offset));
                 SqlError::Statement { sentence: msg.clone(), at }
             }
-            rusqlite::Error::MultipleStatement => plain("there is more than one statement; send one".into()),
+            rusqlite::Error::MultipleStatement => plain("there are several statements; send one".into()),
             rusqlite::Error::InvalidParameterCount(given, wanted) => {
                 plain(format!("the statement has {wanted} parameters, and {given} values were given"))
             }

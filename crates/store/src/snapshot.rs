@@ -61,7 +61,7 @@ impl Store {
     /// the database or of the copy. The existing file then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
         if self.dialect() == Dialect::Postgres {
-            let instead = format!("readers ask it there, as a user who may only read: {READERS_GRANT}");
+            let instead = format!("readers query it there, as a user with read access only: {READERS_GRANT}");
             return Err(self.on_server("a snapshot", instead));
         }
         self.check_files()?;

@@ -147,7 +147,7 @@ impl Store {
         }
         match error {
             sqlx::Error::Database(of) if of.code().as_deref() == Some(READ_ONLY) => AskError::Statement(
-                "the database is opened for reading only; the commands of armwatch change it".into(),
+                "the database is open for reading only; use the commands of armwatch to change it".into(),
             ),
             // SQLite's message about a statement, such as an unknown name
             sqlx::Error::Database(of) if of.code().as_deref() == Some("1") => {

@@ -127,7 +127,7 @@ pub(super) fn grouping_terms(grouping: &str) -> Vec<(f64, ParameterId)> {
 /// Error for a row whose content no program of this version has written.
 pub(super) fn unreadable(table: &str, key: i64) -> sqlx::Error {
     sqlx::Error::Decode(
-        format!("row {key} of table {table} has a content that this program does not know").into(),
+        format!("row {key} of table {table} has content that this program does not know").into(),
     )
 }
 

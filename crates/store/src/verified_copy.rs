@@ -58,22 +58,23 @@ pub(super) async fn before_migration(database: &Path, schema: i64) -> Result<(),
     if free < needed {
         tracing::warn!(
             path = %database.display(), free_mb = free >> 20, needed_mb = needed >> 20,
-            "there is no room for a copy of the database before its schema is changed; changing it without"
+            "no space for a copy of the database before the change of its schema; changing it without a copy"
         );
         return Ok(());
     }
     // a file of a user stays
     let written = match is_ours(&target) {
         Ok(None | Some(true)) => write_beside(database, &target).await,
-        _ => {
-            Err(StoreError::NotABackup { path: target.clone(), detail: "it is no armwatch database".into() })
-        }
+        _ => Err(StoreError::NotABackup {
+            path: target.clone(),
+            detail: "it is not an armwatch database".into(),
+        }),
     };
     match written {
         Ok(_) => {
             tracing::info!(
                 copy = %target.display(),
-                "the database was copied before its schema is changed; delete the copy when you do not need it any more"
+                "the database was copied before the change of its schema; delete the copy when you no longer need it"
             );
             for earlier in
                 (1..schema).map(name_of).filter(|copy| is_ours(copy).is_ok_and(|is| is == Some(true)))
@@ -84,7 +85,8 @@ pub(super) async fn before_migration(database: &Path, schema: i64) -> Result<(),
         }
         Err(error @ StoreError::Corrupt { .. }) => Err(error),
         Err(error) => {
-            tracing::warn!(%error, "the database was not copied before its schema is changed; changing it without");
+            tracing::warn!(%error, "the database was not copied before the change of its schema; changing \
+                it without a copy");
             Ok(())
         }
     }
@@ -112,7 +114,7 @@ fn write(source: &Path, target: &Path) -> Result<Backup, StoreError> {
     let copied = copied.map_err(|error| copy_error(source, StoreError::from_rusqlite(target, &error)))?;
     let fault = copied.fault.or_else(|| {
         let differing = of_source.iter().find(|table| !copied.tables.contains(table));
-        differing.map(|table| format!("the table {} differs from that of the database", table.name))
+        differing.map(|table| format!("the table {} differs from the one in the database", table.name))
     });
     if let Some(fault) = fault {
         let detail = format!("its copy: {fault}");
@@ -178,7 +180,7 @@ fn check(copy: &Path) -> Result<Checked, rusqlite::Error> {
     let fault = match first_fault(&copy, "integrity_check")? {
         None => {
             let is_dangling = copy.prepare("PRAGMA foreign_key_check")?.exists([])?;
-            is_dangling.then(|| "rows refer to rows that are not there".to_owned())
+            is_dangling.then(|| "rows refer to missing rows".to_owned())
         }
         fault => fault,
     };

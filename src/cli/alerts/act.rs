@@ -65,7 +65,7 @@ pub(super) async fn act(
         }
         Err(reason @ NotDone::NotFrom { anomaly_id, .. }) => {
             return Err(CliError::Usage(format!(
-                "{reason}{}; `armwatch alerts show {anomaly_id}` says who did it and when",
+                "{reason}{}; `armwatch alerts show {anomaly_id}` shows the person and the time",
                 others(&ids)
             )));
         }
@@ -92,5 +92,5 @@ pub(super) async fn act(
 
 /// Text about the others if one of several anomalies is refused.
 fn others(ids: &[i64]) -> &'static str {
-    if ids.len() > 1 { "; the others were left as they are too" } else { "" }
+    if ids.len() > 1 { "; the others were not changed either" } else { "" }
 }

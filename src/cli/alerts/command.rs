@@ -27,7 +27,7 @@ Examples:
   armwatch alerts false-alarm 4 --why \"other gripper during the test\"
   armwatch alerts test shift
 
-docs/alarms.md explains the states, and what ends each of them.")]
+docs/alarms.md explains the states and when each of them ends.")]
 pub(in crate::cli) struct AlertsArgs {
     #[command(subcommand)]
     command: AlertsCommand,
@@ -35,7 +35,7 @@ pub(in crate::cli) struct AlertsArgs {
 
 #[derive(Debug, Subcommand)]
 enum AlertsCommand {
-    /// Anomalies that are not closed, the worst first
+    /// List anomalies that are not closed, the worst first
     #[command(after_help = "\
 Examples:
   armwatch alerts list
@@ -43,80 +43,80 @@ Examples:
   armwatch alerts list --state shelved
   armwatch alerts list --all --json | jq .message")]
     List(ListArgs),
-    /// One anomaly with its evidence: figures, causes, tests before and since, and what happened to it
+    /// Show one anomaly: values, causes, tests before and after the onset, history
     #[command(after_help = "\
 Examples:
   armwatch alerts show 4
   armwatch alerts show 4 --plot alarm4.svg
   armwatch alerts show 4 --json | jq .history")]
     Show(ShowArgs),
-    /// Say that anomalies are known
+    /// Acknowledge anomalies
     ///
-    /// Takes back, too, that one is shelved, in maintenance, resolved or a false alarm, as long as tests show it.
+    /// Also ends the states shelved, maintenance, resolved and false_alarm, as long as tests show the anomaly.
     #[command(after_help = "\
 Examples:
   armwatch alerts ack 4
   armwatch alerts ack 4 7 --by mueller --why \"gearbox is ordered\"")]
     Ack(DeedArgs),
-    /// Hear nothing of anomalies for a time
+    /// Silence anomalies for a time
     #[command(after_help = "\
 Examples:
   armwatch alerts shelve 4 --days 14 --why \"gearbox comes in two weeks\"
   armwatch alerts shelve 4 --until 2099-01-07 --why \"works holidays\"
   armwatch alerts shelve 4 --until 2099-01-07T06:00
 
-Shelving ends at that time, or before if the severity rises. The anomaly is open then. A critical one is shelved for 90
-days at most. Dates begin at midnight UTC; times are UTC too, unless they have an offset, as 2099-01-07T06:00:00+02:00
-has.")]
+Shelving ends at the given time, or earlier if the severity rises. The anomaly is then open. A critical anomaly
+can be shelved for at most 90 days. Dates begin at midnight UTC. Times are in UTC unless they have an offset, such
+as 2099-01-07T06:00:00+02:00.")]
     Shelve(ShelveArgs),
-    /// Say that the cause is gone
+    /// Mark anomalies as resolved: the cause is gone
     #[command(after_help = "\
 Examples:
   armwatch alerts resolve 4 --why \"gearbox changed\"
 
-If a later test still shows it, the anomaly is open again. After a repair, enter the work with `armwatch maintenance`
-instead. It begins a new baseline and puts earlier alarms into the state maintenance.")]
+The anomaly is open again if a later test still shows it. After a repair, enter the work with `armwatch
+maintenance` instead. This begins a new baseline and puts earlier alarms into the state maintenance.")]
     Resolve(DeedArgs),
-    /// Say that nothing was wrong
+    /// Mark anomalies as false alarms: nothing was wrong
     #[command(after_help = "\
 Examples:
   armwatch alerts false-alarm 4 --why \"other gripper during the test\"
 
-The episode stays closed, also if further tests show it. `armwatch alerts reopen` takes that back.")]
+The episode stays closed even if further tests show it. `armwatch alerts reopen` opens it again.")]
     FalseAlarm(DeedArgs),
-    /// Take an answer back: the alarm is open again
+    /// Undo an answer: the alarm is open again
     #[command(after_help = "\
 Examples:
   armwatch alerts reopen 4 --why \"resolved by mistake\"
 
-Takes back that the alarm was acknowledged, shelved, resolved, in maintenance or a false alarm. Work that was entered
-stays; `armwatch maintenance --remove` deletes it.")]
+Ends the states acknowledged, shelved, resolved, maintenance and false_alarm. Work that was entered stays;
+`armwatch maintenance --remove` deletes it.")]
     Reopen(DeedArgs),
-    /// The quantities of anomalies, with their units
+    /// List the quantities of anomalies with their units
     #[command(after_help = "\
 Examples:
   armwatch alerts quantities
   armwatch alerts quantities --json | jq -r 'select(.unit == \"Nm\").quantity'")]
     Quantities,
-    /// Try routes: send a message that says that it is a try
+    /// Send a test message on routes
     Test(TestArgs),
 }
 
 #[derive(Debug, Args)]
 struct ListArgs {
-    /// Only anomalies of this robot
+    /// Show only anomalies of this robot
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
-    /// Only these states, closed ones too
+    /// Show only these states, including closed ones
     #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = one_of(AlarmState::ALL, AlarmState::name, plain))]
     state: Vec<AlarmState>,
-    /// Only these severities
+    /// Show only these severities
     #[arg(long, value_name = "SEVERITY", value_delimiter = ',', value_parser = one_of(Severity::ALL, Severity::name, plain))]
     severity: Vec<Severity>,
-    /// Only these kinds
+    /// Show only these kinds
     #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = one_of(AnomalyKind::ALL, AnomalyKind::name, AnomalyKind::help))]
     kind: Vec<AnomalyKind>,
-    /// Also closed ones: resolved and false alarms
+    /// Include closed anomalies: resolved and false alarms
     #[arg(long)]
     all: bool,
 }
@@ -137,10 +137,10 @@ struct DeedArgs {
     /// Numbers of the anomalies
     #[arg(required = true, value_name = "ID")]
     ids: Vec<i64>,
-    /// Why, for those who read the history later
+    /// Reason, for later readers of the history
     #[arg(long, value_name = "TEXT", value_parser = said)]
     why: Option<String>,
-    /// Who says so [default: the user's name]
+    /// Name of the person [default: the user's name]
     #[arg(long, value_name = "NAME", value_parser = said)]
     by: Option<String>,
 }
@@ -150,10 +150,10 @@ struct DeedArgs {
 struct ShelveArgs {
     #[command(flatten)]
     deed: DeedArgs,
-    /// Until this time, UTC: a date, a date with time, or RFC 3339 with an offset
+    /// End of the silence, UTC: a date, a date with time, or RFC 3339 with an offset
     #[arg(long, value_name = "TIME", value_parser = moment)]
     until: Option<Timestamp>,
-    /// For so many days from now on
+    /// Number of days from now
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..=3650))]
     days: Option<i64>,
 }

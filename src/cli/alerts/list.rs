@@ -78,7 +78,7 @@ pub(super) async fn list(
         output::line(&format!("    {}", row.message));
     }
     output::print_hint(
-        "`armwatch alerts show ID` has the evidence; `ack`, `shelve`, `resolve`, `false-alarm` settle one",
+        "`armwatch alerts show ID` has the evidence; `ack`, `shelve`, `resolve` and `false-alarm` answer one",
     );
     Ok(EXIT_DONE)
 }
@@ -95,7 +95,7 @@ async fn nothing(store: &Store, wanted: &Wanted<'_>, known: &[AnomalyRow]) -> Re
             format!("no anomaly has been found in {runs} complete runs")
         }
         (count, true) => {
-            format!("none of the {count} anomalies is as asked for; `armwatch alerts list --all` shows them")
+            format!("none of the {count} anomalies matches; `armwatch alerts list --all` shows them")
         }
         (_, false) => format!("no anomaly is open; {closed} are closed, which `--all` shows"),
     })

@@ -35,7 +35,7 @@ pub(super) async fn show(
     let forecast = forecast(store, &row).await?;
     if let Some(file) = plot {
         if tests.is_empty() {
-            return Err(CliError::Usage(format!("no complete test of {} has figures to draw", row.robot)));
+            return Err(CliError::Usage(format!("no complete test of {} has values to draw", row.robot)));
         }
         file.write(&picture(&row, &tests))?;
     }
@@ -95,7 +95,7 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
     fact(
         "value",
         format!(
-            "{} latest, {} at its peak; {} expected",
+            "latest {}, peak {}; expected {}",
             figure(row.value),
             figure(row.peak_value),
             figure(row.baseline)
@@ -104,7 +104,7 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
     fact(
         "score",
         format!(
-            "{} latest, {} at its peak{}",
+            "latest {}, peak {}{}",
             figure(row.score),
             figure(row.peak_score),
             row.threshold
@@ -151,7 +151,7 @@ fn forecast_text(forecast: &Forecast) -> String {
     let limits: Vec<String> = limits.into_iter().flatten().collect();
     let text = match (forecast.trend, limits.is_empty()) {
         (Trend::None, _) => "no trend that reaches a limit".to_owned(),
-        (trend, true) => format!("friction is {}; its limits are passed or far off", trend.name()),
+        (trend, true) => format!("friction is {}; its limits are exceeded or far away", trend.name()),
         (trend, false) => format!("friction is {}: {}", trend.name(), limits.join("; ")),
     };
     format!("{:<11} {text}", "forecast")
@@ -164,7 +164,7 @@ fn is_within(row: &AnomalyRow, at: Timestamp) -> bool {
 /// The latest tests; for an anomaly of the whole arm, the RMSD of each joint.
 fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     if tests.is_empty() {
-        return format!("no complete test of {} has figures of it", text::shown(&row.robot));
+        return format!("no complete test of {} has values of it", text::shown(&row.robot));
     }
     let by_run: Vec<&[SeriesRun]> = tests.chunk_by(|a, b| a.run_id == b.run_id).collect();
     let shown = &by_run[by_run.len().saturating_sub(TESTS_SHOWN)..];
@@ -200,7 +200,7 @@ fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     };
     let rows: Vec<Vec<String>> = shown.iter().map(cells).collect();
     let earlier = by_run.len() - shown.len();
-    let earlier = if earlier > 0 { format!("; {earlier} earlier ones are left out") } else { String::new() };
+    let earlier = if earlier > 0 { format!("; {earlier} earlier ones are not shown") } else { String::new() };
     let mut text = format!("tests, {} (* from first to last seen{earlier})\n", text::shown(&place(row)));
     text.push_str(&output::table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows));
     if row.quantity.history() == RunKind::Production {
@@ -265,7 +265,7 @@ mod tests {
         });
         assert_eq!(serde_json::to_value(rising).expect("JSON"), value);
         let passed = Forecast { critical_at: None, ..rising };
-        assert!(forecast_text(&passed).ends_with("its limits are passed or far off"));
+        assert!(forecast_text(&passed).ends_with("its limits are exceeded or far away"));
         assert!(forecast_text(&Forecast::default()).ends_with("no trend that reaches a limit"));
     }
 }

@@ -18,14 +18,15 @@ Examples:
   armwatch alerts test shift
   armwatch alerts test shift --severity critical
 
-Sends one message at once, whatever filters, quiet hours and limits the routes have; it names the robot TEST and says
-that it is a try. Its key is that of the database, which has to be there: `armwatch run` or `armwatch ingest` makes it.
-docs/alarms.md has an example of every receiver. The exit status is 74 if one was not reached.")]
+The command sends one message immediately, regardless of the filters, quiet hours and limits of the routes. The
+message names the robot TEST and states that it is a test. Its key is that of the database, so the database must
+exist: `armwatch run` or `armwatch ingest` creates it. docs/alarms.md has an example of every receiver. The exit
+status is 74 if a receiver was not reached.")]
 pub(super) struct TestArgs {
     /// Names of routes [default: all]
     #[arg(value_name = "ROUTE")]
     routes: Vec<String>,
-    /// Severity that the message says
+    /// Severity of the message
     #[arg(long, value_name = "SEVERITY", value_parser = one_of(Severity::ALL, Severity::name, plain), default_value = "warning")]
     severity: Severity,
 }
@@ -62,7 +63,7 @@ pub(super) async fn test(
         }
         match error {
             None => output::line(&format!(
-                "{}: {receiver} has taken it in {:.2} s ({target})",
+                "{}: {receiver} accepted it in {:.2} s ({target})",
                 route.name,
                 seconds.unwrap_or_default()
             )),

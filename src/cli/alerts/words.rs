@@ -43,7 +43,7 @@ pub(super) fn withdrawn(id: i64) -> CliError {
 pub(super) fn unknown(id: i64, rows: &[AnomalyRow]) -> String {
     let mut numbers: Vec<i64> = rows.iter().map(|row| row.anomaly_id).collect();
     if numbers.is_empty() {
-        return format!("{}; there are none at all", NotDone::Unknown(id));
+        return format!("{}; there are no anomalies", NotDone::Unknown(id));
     }
     numbers.sort_by_key(|number| (number.abs_diff(id), *number));
     numbers.truncate(PROPOSED);

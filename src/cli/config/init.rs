@@ -18,10 +18,11 @@ Examples:
   armwatch config init
   armwatch config init /etc/armwatch
 
-Writes armwatch.toml with every setting, descriptions of arms into robots/ and layouts of exports into exports/. A file
-that is there already is left as it is. `armwatch config check --config DIR/armwatch.toml` looks at what was edited.")]
+The command writes armwatch.toml with every setting, descriptions of arms into robots/ and layouts of exports into
+exports/. It does not change existing files. `armwatch config check --config DIR/armwatch.toml` checks the files
+after you have edited them.")]
 pub(in crate::cli) struct InitArgs {
-    /// Folder to write to; made if missing
+    /// Folder to write to; created if missing
     #[arg(value_name = "DIR", default_value = "config")]
     folder: PathBuf,
 }

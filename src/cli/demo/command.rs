@@ -49,27 +49,27 @@ Examples:
   armwatch demo --once --dir /tmp/fleet
   armwatch demo --once --json | jq 'select(.event == \"verdict\")'
 
-Five ER3A arms are tested on eight days, 31 tests of eight cycles. Four faults are planted: wear of a joint, a
-payload, a step of friction inside a test, and a joint that jitters. What is planted is printed first, then each
-test and each alarm, and at the end what was found and how many tests later. The simulated exports are written into
-a watched folder while the daemon takes them, the first one bit by bit; detectors run with the shipped settings. The
-dashboard is served to this machine at the address that is printed, until Ctrl-C. The folder stays: exports, their
-truth files and the database. The demo says how large it is and how to go on with it.
-Exit status 1 if a fault was not found with its joint and kind, or an alarm came where nothing was planted; 130 if it
-was stopped before every test was stored.")]
+Five ER3A arms are tested on eight days: 31 tests of eight cycles. Four faults are simulated: wear of a joint, a
+payload, a step of friction inside a test, and a joint that jitters. The command first prints the faults, then
+each test and each alarm, and at the end the detected faults with their delay in tests. It writes the simulated
+exports into a watched folder while the daemon reads them, the first one bit by bit. The detectors have the
+shipped settings. The command prints the address of the dashboard and serves it to this computer until Ctrl-C. The
+folder stays, with exports, truth files and database. The command prints its size and the next steps. Exit status
+1 if a fault was not detected with its joint and kind, or if there was an alarm without a fault; 130 if the
+command was stopped before every test was stored.")]
 pub(in crate::cli) struct DemoArgs {
-    /// End after the last result instead of serving the dashboard until Ctrl-C
+    /// Exit after the last result instead of serving the dashboard until Ctrl-C
     #[arg(long)]
     once: bool,
     /// Folder for exports and database, which must be empty or missing [default: a new temporary
     /// folder]
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
-    /// Everything random follows from it
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Day of the first tests, such as 2026-01-05 [default: a week ago, so that the last tests are of
-    /// today or yesterday]
+    /// Day of the first tests, such as 2026-01-05 [default: a week ago; the last tests are then from today or
+    /// yesterday]
     #[arg(long, value_name = "DATE")]
     first_day: Option<Date>,
 }
@@ -236,7 +236,7 @@ impl Demo {
         let (first, last) =
             (days.first().cloned().unwrap_or_default(), days.last().cloned().unwrap_or_default());
         output::line(&format!(
-            "{} arms, {} tests of {CYCLES} cycles, {first} to {last}; simulated now, and read as the daemon reads them",
+            "{} arms, {} tests of {CYCLES} cycles, {first} to {last}; simulated now, and read like recordings",
             self.fleet.len(),
             self.tests.len()
         ));
@@ -421,11 +421,11 @@ impl Demo {
                 let later = test.map_or(0, |test| test - planted.test());
                 let number = test.map_or_else(String::new, |test| format!("test {test}, "));
                 match later {
-                    0 => format!("{number}the first with the fault"),
-                    _ => format!("{number}{later} after the first with the fault"),
+                    0 => format!("{number}the first one with the fault"),
+                    _ => format!("{number}{later} after the first one with the fault"),
                 }
             }
-            None => "nothing was planted there".to_owned(),
+            None => "no fault was simulated there".to_owned(),
         };
         let style = Style::new().bold().fg_color(Some(AnsiColor::Yellow.into()));
         let word = output::styled(if alarm.is_alarm() { "ALARM " } else { "noted " }, style);
@@ -459,7 +459,7 @@ impl Demo {
         let megabytes = |path: &Path| bytes_below(path).div_ceil(1_000_000);
         output::line("");
         output::line(&format!(
-            "{} stays, {} MB: {} MB of exports in inbox/, what was simulated in truth/, the database armwatch.db",
+            "{} stays, {} MB: {} MB of exports in inbox/, truth files in truth/, the database armwatch.db",
             self.folder.display(),
             megabytes(&self.folder),
             megabytes(&self.folder.join("inbox"))
@@ -473,7 +473,7 @@ impl Demo {
             output::line(&format!("  armwatch alerts show {alarm}{db}"));
         }
         output::line(&format!("  armwatch sql \"SELECT * FROM fleet_health\"{db}"));
-        output::line(&format!("  rm -r {}   # when you are done with it", self.folder.display()));
+        output::line(&format!("  rm -r {}   # when you no longer need it", self.folder.display()));
     }
 
     /// Reports the stored tests, and the findings in them.
@@ -485,7 +485,7 @@ impl Demo {
         } else {
             output::line("");
             output::line(&format!(
-                "stopped: {stored} of {} tests are stored; the others were not made or not taken",
+                "stopped: {stored} of {} tests are stored; the others were not simulated or not read",
                 self.tests.len()
             ));
         }

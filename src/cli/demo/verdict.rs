@@ -118,7 +118,7 @@ impl DemoVerdict {
         }
         for row in &self.further {
             output::line(&format!(
-                "nothing was planted there, a false alarm: {} {} on {}, since {}: {}",
+                "no fault was simulated there, a false alarm: {} {} on {}, since {}: {}",
                 row.severity,
                 row.kind,
                 row.robot,
@@ -187,12 +187,12 @@ impl PlantedOutcome {
         match alarm {
             Some(alarm) => {
                 format!(
-                    "{name}: the alarm says {}, which should be {planted_kind}: {}",
+                    "{name}: the alarm has the kind {}, not {planted_kind}: {}",
                     alarm.kind, alarm.message
                 )
             }
             None if *tests_with_it == 0 => {
-                format!("{name}: no test with the fault is stored yet, so nothing can be said of it")
+                format!("{name}: no test with the fault is stored yet, so there is no result")
             }
             None => format!(
                 "{name}: no alarm of joint {} in {tests_with_it} tests with the fault",
@@ -298,7 +298,7 @@ mod tests {
         let mut alarms = found();
         alarms[0].kind = AnomalyKind::Step;
         assert!(!verdict(&alarms).is_right());
-        assert!(verdict(&alarms).answers[0].excuse().contains("says step, which should be drift"));
+        assert!(verdict(&alarms).answers[0].excuse().contains("has the kind step, not drift"));
         for wrong in
             [alarm("Middle", Some(2), AnomalyKind::Drift, 7), alarm("Middle", Some(3), AnomalyKind::Drift, 5)]
         {

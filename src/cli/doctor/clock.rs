@@ -26,8 +26,8 @@ fn judged(synchronised: Option<bool>) -> DoctorFinding {
         ),
         None => DoctorFinding::warning(
             CHECK,
-            "whether the network sets it (NTP) is unknown: this system has no timedatectl that says so",
-            "see that it is right",
+            "unknown if set by the network (NTP): this system has no timedatectl",
+            "check that it is right",
         ),
     }
 }

@@ -12,8 +12,10 @@ const CHECK: &str = "copies";
 const STALE: Duration = Duration::from_secs(24 * 3600);
 
 pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
-    let backup =
-        DoctorFinding::ok(CHECK, "backups are written where you say (`armwatch backup`), and not looked for");
+    let backup = DoctorFinding::ok(
+        CHECK,
+        "`armwatch backup` writes backups to a place of your choice; they are not checked",
+    );
     let Some(snapshot) = &config.snapshot else { return vec![backup] };
     let written = |path: &std::path::Path| std::fs::metadata(path).and_then(|of| of.modified()).ok();
     let age = written(&snapshot.file).and_then(|at| SystemTime::now().duration_since(at).ok());
@@ -25,13 +27,14 @@ fn judged(file: &str, age: Option<Duration>, is_behind: bool) -> DoctorFinding {
     let Some(age) = age else {
         return DoctorFinding::warning(
             CHECK,
-            format!("the copy for readers, {file}, is not there"),
-            "start the daemon, or `armwatch snapshot FILE`; the daemon's log says why it cannot be written",
+            format!("the copy for readers, {file}, does not exist"),
+            "start the daemon, or `armwatch snapshot FILE`; the log of the daemon has the reason if it \
+            cannot be written",
         );
     };
     let said = format!("the copy for readers, {file}, is {:.1} hours old", age.as_secs_f64() / 3600.0);
     match is_behind && age > STALE {
-        true => DoctorFinding::warning(CHECK, said, "see that the daemon runs and may write there"),
+        true => DoctorFinding::warning(CHECK, said, "check that the daemon runs and may write there"),
         false => DoctorFinding::ok(CHECK, said),
     }
 }

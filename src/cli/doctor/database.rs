@@ -13,7 +13,10 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<DoctorFinding> {
     let store = match Store::open_existing_as(&config.database, &config.cluster).await {
         Ok(Some(store)) => store,
         Ok(None) => {
-            return vec![DoctorFinding::ok(CHECK, format!("{path} is not there yet; the daemon makes it"))];
+            return vec![DoctorFinding::ok(
+                CHECK,
+                format!("{path} does not exist yet; the daemon creates it"),
+            )];
         }
         Err(error @ StoreError::Older { .. }) => {
             let mut found =
@@ -27,11 +30,11 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<DoctorFinding> {
         }
         Err(error) => return vec![DoctorFinding::problem(CHECK, error, "docs/operations.md, Full disk")],
     };
-    let mut found = vec![DoctorFinding::ok(CHECK, format!("{path} is of this program's schema"))];
+    let mut found = vec![DoctorFinding::ok(CHECK, format!("{path} has the schema of this program"))];
     found.extend(entered(store.last_entered_at().await));
     found.extend(hosts(store.hosts().await));
     if is_on_server(&config.database) {
-        let said = "pages are looked after by the server: data checksums, pg_amcheck, pg_dump";
+        let said = "the server is responsible for pages: data checksums, pg_amcheck, pg_dump";
         found.push(DoctorFinding::ok("integrity", said));
     } else if !quick {
         found.extend(looked_through(&store).await);
@@ -43,8 +46,7 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<DoctorFinding> {
 }
 
 async fn looked_through(store: &Store) -> Vec<DoctorFinding> {
-    let remedy =
-        "move it away and restore a backup, or start without: exports that are still there are read again";
+    let remedy = "move it away and restore a backup, or start without one: existing exports are read again";
     let damages = match store.damages().await {
         Ok(damages) => damages,
         Err(error) => return vec![DoctorFinding::problem("integrity", error, remedy)],
@@ -57,10 +59,10 @@ async fn looked_through(store: &Store) -> Vec<DoctorFinding> {
     }
     match store.broken_references().await {
         Ok(tables) if tables.is_empty() => {
-            vec![DoctorFinding::ok("integrity", "pages and references are whole")]
+            vec![DoctorFinding::ok("integrity", "pages and references are intact")]
         }
         Ok(tables) => {
-            let said = format!("rows of {} refer to rows that are not there", tables.join(", "));
+            let said = format!("rows of {} refer to missing rows", tables.join(", "));
             vec![DoctorFinding::problem("integrity", said, remedy)]
         }
         Err(error) => vec![DoctorFinding::problem("integrity", error, remedy)],
@@ -71,14 +73,14 @@ async fn looked_through(store: &Store) -> Vec<DoctorFinding> {
 fn hosts(hosts: Result<Vec<HostRow>, StoreError>) -> Vec<DoctorFinding> {
     let hosts = match hosts {
         Ok(hosts) => hosts,
-        Err(error) => return vec![DoctorFinding::problem("hosts", error, "look at the database")],
+        Err(error) => return vec![DoctorFinding::problem("hosts", error, "check the database")],
     };
     let lost = hosts.iter().filter(|row| row.is_lost()).map(|row| {
-        let said = format!("nothing was heard of the daemon of {:?} since {}", row.host, row.seen_at);
+        let said = format!("the daemon of {:?} has been silent since {}", row.host, row.seen_at);
         DoctorFinding::warning(
             "hosts",
             said,
-            "start it again there; what it was reading waits for it or was taken over",
+            "start it again there; its exports wait for it, or another daemon has taken them over",
         )
     });
     let lost: Vec<DoctorFinding> = lost.collect();
@@ -97,11 +99,11 @@ fn entered(latest: Result<Option<Timestamp>, StoreError>) -> Vec<DoctorFinding> 
     match latest {
         Ok(Some(at)) if at > Timestamp::now() => vec![DoctorFinding::problem(
             "clock",
-            format!("the last run was entered at {at}, which is later than now"),
-            "set the clock; until then it stood before",
+            format!("the last run was stored at {at}, which is in the future"),
+            "correct the clock of this computer",
         )],
-        Ok(Some(at)) => vec![DoctorFinding::ok("clock", format!("the last run was entered at {at}"))],
+        Ok(Some(at)) => vec![DoctorFinding::ok("clock", format!("the last run was stored at {at}"))],
         Ok(None) => Vec::new(),
-        Err(error) => vec![DoctorFinding::problem("clock", error, "look at the database")],
+        Err(error) => vec![DoctorFinding::problem("clock", error, "check the database")],
     }
 }

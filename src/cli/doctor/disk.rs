@@ -37,8 +37,8 @@ fn of(path: &Path, what: &str) -> DoctorFinding {
         Err(error) => {
             return DoctorFinding::warning(
                 CHECK,
-                format!("room for {what} is unknown ({error})"),
-                "see that it is mounted",
+                format!("space for {what} is unknown ({error})"),
+                "check that it is mounted",
             );
         }
     };

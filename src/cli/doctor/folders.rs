@@ -24,9 +24,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
             let folder = folder.display();
             found.push(DoctorFinding::ok(
                 CHECK,
-                format!(
-                    "{folder} is a network share ({kind}), whose files are found by a look each {every} s"
-                ),
+                format!("{folder} is a network share ({kind}); a scan every {every} s finds its files"),
             ));
         }
     }
@@ -39,7 +37,7 @@ pub(super) fn silent(folder: &Path) -> DoctorFinding {
     DoctorFinding::problem(
         FOLDERS,
         format!("the watched folder {} {NO_ANSWER}; its exports are not read", folder.display()),
-        "see whether its disk or file server is there",
+        "check its disk or file server",
     )
 }
 
@@ -51,9 +49,9 @@ fn left_out(folder: &Path, follow_links: bool) -> Vec<DoctorFinding> {
     let mut found: Vec<DoctorFinding> = told.collect();
     if skipped.len() > MOST_TOLD {
         let more = format!("{} more places in {} are skipped", skipped.len() - MOST_TOLD, folder.display());
-        found.push(DoctorFinding::warning(FOLDERS, more, "the log of the daemon names them"));
+        found.push(DoctorFinding::warning(FOLDERS, more, "the log of the daemon lists them"));
     } else if skipped.is_empty() {
-        found.push(DoctorFinding::ok(FOLDERS, format!("nothing in {} is skipped", folder.display())));
+        found.push(DoctorFinding::ok(FOLDERS, format!("no place in {} is skipped", folder.display())));
     }
     found
 }
@@ -64,22 +62,20 @@ fn of_database(file: &Path, machine: &Machine) -> DoctorFinding {
         Some(kind) if is_share(kind) => DoctorFinding::problem(
             CHECK,
             format!(
-                "the database {database} lies on a network share ({kind}), on which SQLite's log is not safe"
+                "the database {database} is on a network share ({kind}), which is unsafe for the log of SQLite"
             ),
-            "move it to a disk of this machine, and let others read a copy ([snapshot])",
+            "move it to a local disk, and let others read a copy ([snapshot])",
         ),
         Some("tmpfs" | "ramfs") => DoctorFinding::warning(
             CHECK,
-            format!("the database {database} lies in memory and is gone when the machine stops"),
+            format!("the database {database} is in memory and is lost when the computer stops"),
             "move it to a disk",
         ),
-        Some(kind) => {
-            DoctorFinding::ok(CHECK, format!("the database lies on a disk of this machine ({kind})"))
-        }
+        Some(kind) => DoctorFinding::ok(CHECK, format!("the database is on a local disk ({kind})")),
         None => DoctorFinding::warning(
             CHECK,
             format!("the file system of the database {database} is unknown"),
-            "see that it is a disk of this machine",
+            "check that it is a local disk",
         ),
     }
 }
@@ -116,7 +112,7 @@ mod tests {
         std::os::unix::fs::symlink("/etc/hostname", inbox.join("R01.csv")).unwrap();
         let found = &left_out(&inbox, false)[0];
         assert_eq!(found.level, CheckLevel::Warning);
-        assert!(found.said.contains("R01.csv is a link that leads out"), "{found:?}");
+        assert!(found.said.contains("R01.csv is a link to a place outside"), "{found:?}");
         assert_eq!(left_out(&inbox, true)[0].level, CheckLevel::Ok);
     }
 }

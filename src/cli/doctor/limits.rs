@@ -30,7 +30,7 @@ fn open_files(limit: Option<u64>, needed: u64) -> DoctorFinding {
     match limit {
         Some(limit) if limit < needed => DoctorFinding::problem(
             CHECK,
-            format!("{limit} files may be open, and the daemon needs up to {needed}"),
+            format!("{limit} files may be open, but the daemon needs up to {needed}"),
             "raise LimitNOFILE= of the unit, or `ulimit -n`",
         ),
         Some(limit) => {
@@ -45,15 +45,15 @@ fn watches(folders: u64, limit: Option<u64>) -> DoctorFinding {
         Some(limit) if limit < 2 * folders => DoctorFinding::warning(
             CHECK,
             format!(
-                "{folders} watched folders and subfolders of at most {limit} watches of this user (inotify): files in \
-                 those beyond are found by the next scan only"
+                "{folders} watched folders and subfolders of at most {limit} watches of this user \
+                (inotify): files in the other folders are found only by the next scan"
             ),
             "raise fs.inotify.max_user_watches with sysctl",
         ),
         Some(limit) => {
             DoctorFinding::ok(CHECK, format!("{folders} watched folders and subfolders of {limit} watches"))
         }
-        None => DoctorFinding::ok(CHECK, "no file events here; folders are scanned"),
+        None => DoctorFinding::ok(CHECK, "no file events on this system; folders are scanned"),
     }
 }
 

@@ -27,17 +27,17 @@ Examples:
   armwatch doctor --config /etc/armwatch/armwatch.toml
   armwatch doctor --quick --json
 
-Looks at the configuration, the disks and folders that it names, the clock, limits of the system, the systemd unit and
-the database, and changes nothing. Permissions are those of the user who asks: ask as the user of the service
-(sudo -u armwatch). The database is read from end to end, some seconds a gigabyte.
+The command checks the configuration, its disks and folders, the clock, the limits of the system, the systemd unit
+and the database. It changes nothing. It checks the permissions of the current user: run it as the user of the
+service (sudo -u armwatch). It reads the whole database, which takes some seconds per gigabyte.
 
-Exit status: 0 without a problem, also with warnings; 1 with a problem; 2 where the configuration cannot be used, when
-nothing else is looked at. docs/operations.md has what is checked.")]
+Exit status: 0 without a problem, even with warnings; 1 with a problem; 2 if the configuration cannot be used, and
+then nothing else is checked. docs/operations.md lists the checks.")]
 pub(super) struct DoctorArgs {
-    /// Leave out reading the whole database
+    /// Do not read the whole database
     #[arg(long)]
     quick: bool,
-    /// Show what is fit, too
+    /// Also show checks without a problem
     #[arg(long)]
     all: bool,
 }
@@ -118,7 +118,7 @@ fn report(global: &Global, found: &[DoctorFinding], all: bool) {
     }
     let count = |level: CheckLevel| found.iter().filter(|finding| finding.level == level).count();
     output::line(&format!(
-        "{} looked at: {} ok, {}, {}",
+        "{} checked: {} ok, {}, {}",
         found.len(),
         count(CheckLevel::Ok),
         output::counted(count(CheckLevel::Warning), "warning"),

@@ -25,11 +25,11 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
     for folder in &config.watch.folders {
         // a missing folder is reported with the configuration
         if folder.exists() && access(folder, Access::READ_OK | Access::EXEC_OK).is_err() {
-            let said = format!("the watched folder {} may not be looked into", folder.display());
+            let said = format!("the watched folder {} is not readable", folder.display());
             found.push(DoctorFinding::problem(CHECK, said, "let the user of the service read it"));
         }
         if config.watch.archive.is_some() && folder.exists() {
-            found.extend(written(folder, "the watched folder that exports leave for the archive"));
+            found.extend(written(folder, "the watched folder of archived exports"));
         }
     }
     let others = [
@@ -42,13 +42,13 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
     ];
     found.extend(others.into_iter().filter_map(|(what, path)| written(path?, what)));
     if found.is_empty() {
-        found.push(DoctorFinding::ok(CHECK, "all that is read and written may be"));
+        found.push(DoctorFinding::ok(CHECK, "all required reads and writes are permitted"));
     }
     if machine.user == 0 {
         found.push(DoctorFinding::warning(
             CHECK,
-            "root asks, who may do more than the user of the service",
-            "ask as that user: `sudo -u armwatch armwatch doctor`",
+            "the check runs as root, who has more permissions than the user of the service",
+            "run it as that user: `sudo -u armwatch armwatch doctor`",
         ));
     }
     found
@@ -57,10 +57,8 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
 /// A problem that prevents the daemon from opening its lock file, such as a first start as root.
 fn lock_file(lock: &Path) -> Option<DoctorFinding> {
     let error = access(lock, Access::WRITE_OK).err().filter(|_| lock.exists())?;
-    let said = format!(
-        "the lock file {} may not be written to ({error}); the daemon does not start",
-        lock.display()
-    );
+    let said =
+        format!("the lock file {} is not writable ({error}); the daemon does not start", lock.display());
     let remedy = "give it to the user of the service with `chown`, or delete it while no daemon runs";
     Some(DoctorFinding::problem(CHECK, said, remedy))
 }
@@ -69,7 +67,7 @@ fn lock_file(lock: &Path) -> Option<DoctorFinding> {
 fn written(path: &Path, what: &str) -> Option<DoctorFinding> {
     let place = nearest(path);
     let error = access(&place, Access::WRITE_OK).err()?;
-    let said = format!("{what}, {}, may not be written to ({error})", place.display());
+    let said = format!("{what}, {}, is not writable ({error})", place.display());
     let remedy = "let the user of the service write there; under systemd, ReadWritePaths= must name it";
     Some(DoctorFinding::problem(CHECK, said, remedy))
 }

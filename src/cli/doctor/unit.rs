@@ -23,7 +23,7 @@ pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
     if config.serve.is_some() && values(&text, "RestrictAddressFamilies").any(|of| !of.contains("AF_INET")) {
         found.push(DoctorFinding::problem(
             CHECK,
-            format!("{} allows no network, and the configuration has [serve]", unit.display()),
+            format!("{} allows no network, but the configuration has [serve]", unit.display()),
             "add AF_INET AF_INET6 to RestrictAddressFamilies=",
         ));
     }
@@ -86,7 +86,8 @@ fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<DoctorFinding> {
     let found: Vec<DoctorFinding> = closed
         .map(|path| {
             let path = path.display();
-            let remedy = "`systemctl edit armwatch`, and write [Service] and ReadWritePaths= with its folder";
+            let remedy =
+                "run `systemctl edit armwatch` and add [Service] and ReadWritePaths= with its folder";
             DoctorFinding::problem(
                 CHECK,
                 format!("{unit} keeps {path} read-only, which the daemon writes to"),
@@ -95,7 +96,7 @@ fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<DoctorFinding> {
         })
         .collect();
     match found.is_empty() {
-        true => vec![DoctorFinding::ok(CHECK, format!("{unit} lets the daemon write where it has to"))],
+        true => vec![DoctorFinding::ok(CHECK, format!("{unit} lets the daemon write to all its places"))],
         false => found,
     }
 }

@@ -36,38 +36,41 @@ Examples:
   armwatch friction --robot Left --index --plot index.svg
   armwatch friction --run 3 --json | jq '{joint, speed_fraction, a_nm, t1_min}'
 
-For each joint and speed the curve a + b exp(-t/t1) + c exp(-t/t2) is fitted to the friction of both
-directions over the minutes since the start of the run, points of several runs mixed, each counted from its
-own start. model says how many parts the points support: double, single or constant; a number in brackets is
-the standard error. A fast part that only the first cycle sees has none, shown as -: what is known of it is its value at the
-first point and the longest time constant that it may have (--json: c_first_nm, t2_max_min). Nothing is stored; the fits of each run, and of all runs of a robot at the reference
-speed, stand in the view warmup_fits.
+The command fits the curve a + b exp(-t/t1) + c exp(-t/t2) per joint and speed to the friction of both directions
+over the minutes since the start of the run. The fit uses the points of all chosen runs, each counted from its own
+start. model is the number of exponentials that the points support: double, single or constant. A number in
+brackets is the standard error. A fast exponential that only the first cycle shows has no standard error (-). Only
+its value at the first point and its longest possible time constant are known (--json: c_first_nm, t2_max_min).
+The command stores nothing. The view warmup_fits has the fits of each run, and of all runs of a robot at the
+reference speed.
 
-A picture of several runs shows each in a colour of its own at one speed; of a single run it shows all speeds.
+A picture of several runs shows each run in its own colour at one speed. A picture of a single run shows all
+speeds.
 
---index shows the friction index of each run instead: friction against the joint's own baseline at equal speed
-and thermal state, with its 95 % interval, beside friction as measured. Then, of the index about its mean over
-the runs: lag-1 autocorrelation (its standard error in brackets), the probability that white noise has as much
-memory (Ljung-Box), whether that is white enough for control charts, and which part of the variance of measured
-friction between runs warm-up and hall explained. A worn joint has memory; below 8 runs nothing is said. thermal
-state says what it is taken from: motion, motor_temperature or ambient_and_motion; docs/method.md has the rules.
+--index shows the friction index of each run instead: friction relative to the baseline of the joint at equal
+speed and thermal state, with its 95 % interval, next to friction as measured. The command then prints statistics
+of the index about its mean over the runs: the lag-1 autocorrelation (standard error in brackets), the probability
+that white noise has this much memory (Ljung-Box), the resulting fitness for control charts, and the share of the
+variance of measured friction between runs that warm-up and ambient temperature explain. A worn joint has memory.
+Fewer than 8 runs give no statistics. thermal state is the source of the correction: motion, motor_temperature or
+ambient_and_motion; docs/method.md has the rules.
 
 -o writes the points as CSV: robot, run_id, cycle, minute, joint, speed_fraction, speed_rad_s, direction,
-torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object a joint and speed, with its fit and its
+torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object per joint and speed, with its fit and its
 points.")]
 #[command(group(ArgGroup::new("recordings").args(["runs", "robots"]).required(true).multiple(true)))]
 pub(in crate::cli) struct FrictionArgs {
-    /// Run whose points are taken; may be given several times
-    #[arg(help_heading = "What is taken", long = "run", value_name = "RUN")]
+    /// Run whose points are used; may be repeated
+    #[arg(help_heading = "Selection", long = "run", value_name = "RUN")]
     runs: Vec<i64>,
-    /// Robot of which all complete runs are taken; may be given several times
-    #[arg(help_heading = "What is taken", long = "robot", value_name = "NAME")]
+    /// Robot, with all its complete runs; may be repeated
+    #[arg(help_heading = "Selection", long = "robot", value_name = "NAME")]
     robots: Vec<String>,
-    /// Only this joint, from 1
-    #[arg(help_heading = "What is taken", long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    /// Use only this joint, from 1
+    #[arg(help_heading = "Selection", long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
-    /// Only the speed level nearest to this fraction of the largest speed, above 0 and at most 1
-    #[arg(help_heading = "What is taken", long, value_name = "FRACTION", value_parser = fraction)]
+    /// Use only the speed level nearest to this fraction of the largest speed, above 0 and at most 1
+    #[arg(help_heading = "Selection", long, value_name = "FRACTION", value_parser = fraction)]
     speed: Option<f64>,
     /// Write the points as CSV into this file
     #[arg(help_heading = "Files", short, long, value_name = "FILE", value_parser = result_file())]
@@ -75,11 +78,11 @@ pub(in crate::cli) struct FrictionArgs {
     /// Draw points and curves into this file, .svg or .html
     #[arg(help_heading = "Files", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
-    /// Friction index by run, and whether it is white from run to run
-    #[arg(help_heading = "What is shown", long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
+    /// Show the friction index by run, with a test for white noise from run to run
+    #[arg(help_heading = "Display", long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
     index: bool,
-    /// What the picture shows friction over [default: time for one run, runs for several]
-    #[arg(help_heading = "What is shown", long, value_enum, requires = "plot")]
+    /// Horizontal axis of the picture [default: time for one run, runs for several]
+    #[arg(help_heading = "Display", long, value_enum, requires = "plot")]
     over: Option<OverArg>,
 }
 
@@ -97,11 +100,11 @@ fn fraction(text: &str) -> Result<f64, String> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum OverArg {
-    /// Minutes since the start of the run, all speeds, with the curves fitted to all chosen runs together
+    /// Minutes since the start of the run, all speeds, with one curve fitted to all chosen runs
     Time,
-    /// Speed, some cycles from cold to warm
+    /// Speed, for some cycles from cold to warm
     Speed,
-    /// Minutes at one speed, each run in its colour with a curve of its own
+    /// Minutes at one speed, each run with its own colour and curve
     Runs,
 }
 
@@ -168,8 +171,9 @@ async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointInd
     if series.is_empty() {
         refuse_missing_joint(store, args.robots.iter().map(String::as_str), args.joint).await?;
         return Err(CliError::Usage(format!(
-            "{} has no friction index: that takes as many runs as the baseline, of six cycles or more with friction \
-             stages, in which friction falls while the joint warms; view friction_map has the joints with a map",
+            "{} has no friction index: it needs as many runs as the baseline, each with six or more cycles \
+            with friction stages, in which friction falls while the joint warms; the view friction_map has \
+            the joints with a map",
             args.robots.join(", ")
         )));
     }
@@ -230,7 +234,7 @@ async fn refuse_missing_joint<'r>(
     let told =
         counts.iter().map(|(robot, count)| format!("{robot} has {}", output::counted(*count, "joint")));
     let told: Vec<String> = told.collect();
-    Err(CliError::Usage(format!("{}, there is no joint {joint}", told.join(", "))))
+    Err(CliError::Usage(format!("{}, but no joint {joint}", told.join(", "))))
 }
 
 fn keep_chosen(args: &FrictionArgs, points: &mut Vec<Sourced>) {

@@ -91,11 +91,11 @@ pub(in crate::cli) fn print(series: &[JointIndexSeries], json: bool) {
         output::block(&robot_text(of_robot));
     }
     let verdict = together.map_or_else(
-        || format!("memory from run to run: not told, no joint has {MIN_VALUES} runs with an index"),
+        || format!("memory from run to run: unknown, no joint has {MIN_VALUES} runs with an index"),
         |lag| {
             format!(
-                "all joints together: lag-1 autocorrelation {:.2}, standard error {:.2}: {} the {LARGEST_LAG} that \
-                 control charts put up with",
+                "all joints together: lag-1 autocorrelation {:.2}, standard error {:.2}: {} the \
+                {LARGEST_LAG} that control charts tolerate",
                 lag.value,
                 lag.std_error,
                 if lag.value < LARGEST_LAG { "below" } else { "above" }

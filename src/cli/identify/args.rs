@@ -23,54 +23,56 @@ Examples:
   armwatch identify --robot Left --each-cycle --estimator weighted \\
       --save left-weighted
 
-One set of base parameters is identified on the excitation stages of all chosen cycles together, rows of
-slow joints left out. What is needed of the rows was stored with the cycles: no export is read, and the
-result is that of identifying on all rows at once. Units are SI. A saved set is named in
-`armwatch verify --parameters`, and is shown by the views parameter_sets and parameter_set_sources.
+The command identifies one set of base parameters on the excitation stages of all chosen cycles together, without
+rows of slow joints. It uses factors stored with the cycles and reads no export; the result is the same as from
+all rows at once. Units are SI. `armwatch verify --parameters` accepts the name of a saved set. The views
+parameter_sets and parameter_set_sources show saved sets.
 
-Estimators: the configured one if --estimator does not name another, so that a single cycle comes out as the
-pipeline stored it. ordinary gives every row the same weight, weighted weighs each joint by its residual variance.
-per-joint takes each joint's rows alone and prints what it sees of each parameter; a parameter that it tells
-apart from others only elsewhere is in the value of these. huber starts from weighted and compares whole
-cycles, since single rows are not stored: a joint's rows of a cycle whose residual is more than 1.345
-robust standard deviations above that of the median cycle lose weight in proportion; it takes 5 cycles or
-more. prior draws weighted towards --prior, where the motion says little; data_share is 1 where a value is
-all data and 0 where it is all prior. Where huber is configured, weighted stands for it.
+The default estimator is the configured one, so that a single cycle has the parameters that the daemon stored.
+ordinary gives every row the same weight. weighted weights each joint by its residual variance. per-joint uses
+only the rows of each joint and prints the result of each joint. If the joint cannot separate a parameter from
+others, the value of these others contains it. huber starts from weighted and compares whole cycles, because
+single rows are not stored. It reduces the weight of a joint in a cycle if the residual is more than 1.345 robust
+standard deviations above that of the median cycle, in proportion; it needs at least 5 cycles. prior draws
+weighted towards --prior if the motion shows little; data_share is 1 if a value comes only from data and 0 if it
+comes only from the prior. If the configuration has huber, this command uses weighted by default.
 
-Of whole runs, refused and doubtful cycles are passed over and named on standard error, except cycles that were refused
-for their motion alone. A cycle that --cycles names is always taken, and so are all cycles of a run that --run names if
-none of them counts; their remarks are printed. A parameter that the motion does not show has no value (-).
+In whole runs, the command skips refused and doubtful cycles and names them on standard error. It keeps cycles
+that were refused only for their motion. It always uses cycles named by --cycles, and uses all cycles of a run
+named by --run if none of them is accepted; it then prints their remarks. A parameter that the motion does not
+show has no value (-).
 
-From 8 cycles on, standard errors come from the scatter between the cycles, which needs no assumption on what
-happens inside them; with fewer, from the residual and the share of rows that are independent. Intervals hold
-the truth with 95 %. Parameters with a standard error above 30 % are marked with *. Exit status 1 if the
-motion does not show every parameter (they are named), or with --each-cycle if a cycle gave none.
+Standard errors from 8 or more cycles come from the scatter between the cycles, which needs no assumption on the
+residuals inside a cycle. Standard errors from fewer cycles come from the residual and the share of independent
+rows. Intervals contain the true value with a probability of 95 %. A * marks parameters with a standard error
+above 30 %. Exit status 1 if the motion does not show every parameter (the command names them), or if a cycle gave
+no result with --each-cycle.
 
---choose-friction identifies with each value of load_friction of the description in turn, holds one cycle out after the
-other (parts of cycles, where there are fewer than three), and prints the error on the held-out rows. A joint needs a law
-if it lowers that error by 3 % and the information criterion too. Nothing is changed: write the chosen value into the
-description.
+--choose-friction identifies with each value of load_friction of the description in turn. It holds out one cycle
+after the other (parts of cycles if there are fewer than three), and prints the error on the held-out rows. A
+joint needs a law of load-dependent friction if the law lowers this error by 3 % and also lowers the information
+criterion. The command changes nothing: write the chosen value into the description.
 
---each-cycle identifies each chosen cycle alone, prints one line a parameter, or with --json one object a
-cycle, and the statistics of each run as in the view parameter_statistics. --save keeps it for the views
-reestimated_parameters, reestimated_cycles and reestimated_statistics. `armwatch parameters` lists and
-deletes what is kept.")]
+--each-cycle identifies each chosen cycle alone and prints one line per parameter, or one object per cycle with
+--json. It also prints the statistics of each run, as in the view parameter_statistics. --save stores the result
+for the views reestimated_parameters, reestimated_cycles and reestimated_statistics. `armwatch parameters` lists
+and deletes saved results.")]
 #[command(group(ArgGroup::new("recordings").args(["runs", "robots"]).required(true).multiple(true)))]
 pub(in crate::cli) struct IdentifyArgs {
-    /// Run whose cycles are taken; may be given several times
-    #[arg(help_heading = "What is taken", long = "run", value_name = "RUN")]
+    /// Run whose cycles are used; may be repeated
+    #[arg(help_heading = "Selection", long = "run", value_name = "RUN")]
     pub(in crate::cli) runs: Vec<i64>,
-    /// Robot of which all complete runs are taken; may be given several times
-    #[arg(help_heading = "What is taken", long = "robot", value_name = "NAME")]
+    /// Robot, with all its complete runs; may be repeated
+    #[arg(help_heading = "Selection", long = "robot", value_name = "NAME")]
     pub(in crate::cli) robots: Vec<String>,
     /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
-    #[arg(help_heading = "What is taken", long, value_name = "CYCLES")]
+    #[arg(help_heading = "Selection", long, value_name = "CYCLES")]
     pub(in crate::cli) cycles: Option<String>,
-    /// How rows become parameters [default: `[analysis] estimator` of the configuration]
+    /// Method of estimation [default: `[analysis] estimator` of the configuration]
     #[arg(help_heading = "Estimator", long, value_enum)]
     pub(in crate::cli) estimator: Option<EstimatorArg>,
-    /// What is known beforehand: parameters of a run, of some of its cycles, of a saved set, or the
-    /// nominal ones of the robot's description
+    /// Prior: parameters of a run, of some of its cycles, of a saved set, or the nominal ones of the robot's
+    /// description
     #[arg(
         help_heading = "Estimator",
         long,
@@ -78,23 +80,22 @@ pub(in crate::cli) struct IdentifyArgs {
         required_if_eq("estimator", "prior")
     )]
     pub(in crate::cli) prior: Option<String>,
-    /// Standard deviation of the prior as a part of its values, above 0 [default: chosen by
-    /// cross-validation]
+    /// Standard deviation of the prior as a fraction of its values, above 0 [default: chosen by cross-validation]
     #[arg(help_heading = "Estimator", long, value_name = "FRACTION", requires = "prior")]
     pub(in crate::cli) prior_std_fraction: Option<f64>,
-    /// Leave out parameters that are not worth their uncertainty
+    /// Omit parameters that are not worth their uncertainty
     #[arg(help_heading = "Estimator", long)]
     pub(in crate::cli) essential: bool,
     /// Identify each cycle alone
     #[arg(help_heading = "Estimator", long, conflicts_with = "essential")]
     pub(in crate::cli) each_cycle: bool,
-    /// Compare how friction may depend on load, and say which joints need it; reads the exports again
+    /// Compare models of load-dependent friction and name the joints that need one; reads the exports again
     #[arg(help_heading = "Estimator", long, conflicts_with_all = ["estimator", "essential", "each_cycle", "save"])]
     pub(in crate::cli) choose_friction: bool,
-    /// Print the sum of link parameters that each parameter stands for
+    /// Print the sum of link parameters in each base parameter
     #[arg(help_heading = "Results", long)]
     pub(in crate::cli) groupings: bool,
-    /// Keep the parameters under this name
+    /// Save the parameters under this name
     #[arg(help_heading = "Results", long, value_name = "NAME")]
     pub(in crate::cli) save: Option<String>,
 }
@@ -120,11 +121,11 @@ impl ValueEnum for EstimatorArg {
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         let help = match self.0 {
-            EstimatorKind::Ordinary => "Every row alike",
-            EstimatorKind::Weighted => "Each joint by its residual variance",
-            EstimatorKind::PerJoint => "Each joint alone",
-            EstimatorKind::Huber => "Weighted, cycles that do not fit the others with less weight",
-            EstimatorKind::Prior => "Weighted, towards what is known beforehand",
+            EstimatorKind::Ordinary => "Equal weight for every row",
+            EstimatorKind::Weighted => "Weight of each joint from its residual variance",
+            EstimatorKind::PerJoint => "Each joint from its own rows only",
+            EstimatorKind::Huber => "Weighted, with less weight for cycles that do not fit the others",
+            EstimatorKind::Prior => "Weighted, drawn towards the values of --prior",
         };
         Some(PossibleValue::new(self.0.name()).help(help))
     }

@@ -45,7 +45,7 @@ pub(in crate::cli) async fn choose_friction(
         comparison = Some(added.await.map_err(ReplayError::Task)??);
     }
     let Some(comparison) = comparison else {
-        return Err(CliError::Usage("no cycle is chosen; name runs with --run or --robot".to_owned()));
+        return Err(CliError::Usage("no cycle is chosen; choose runs with --run or --robot".to_owned()));
     };
     let found = comparison.choice().map_err(ReplayError::Numerics)?;
     if global.json {

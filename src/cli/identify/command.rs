@@ -42,8 +42,8 @@ fn configured(config: &Config) -> EstimatorKind {
     let configured = config.analysis.estimator;
     if configured.of_factors() != configured {
         output::print_hint(&format!(
-            "the configured estimator {} weighs single rows, which are not stored: {} is taken; --estimator names \
-             another",
+            "the configured estimator {} weights single rows, which are not stored: {} is used instead; \
+            choose another with --estimator",
             configured.name(),
             configured.of_factors().name()
         ));
@@ -59,15 +59,15 @@ fn check(args: &IdentifyArgs, of: EstimatorKind) -> Result<(), CliError> {
     args.save.as_deref().map_or(Ok(()), check_name)?;
     let refuse = |what: &str| Err(CliError::Usage(what.to_owned()));
     if args.prior.is_some() && of != EstimatorKind::Prior {
-        return refuse("--prior goes with --estimator prior");
+        return refuse("--prior requires --estimator prior");
     }
     if args.essential && matches!(of, EstimatorKind::PerJoint | EstimatorKind::Prior) {
-        return refuse("--essential goes with the estimators ordinary, weighted and huber");
+        return refuse("--essential requires the estimator ordinary, weighted or huber");
     }
     if args.save.is_some() && of == EstimatorKind::PerJoint && !args.each_cycle {
         return refuse(
-            "the joints' own views are not one set of parameters, so they cannot be kept as one; --estimator \
-             weighted brings them together, and --each-cycle keeps them apart",
+            "the results of single joints are not one parameter set, so they cannot be saved as one; \
+            --estimator weighted combines them, and --each-cycle saves them separately",
         );
     }
     match args.prior_std_fraction {
@@ -114,8 +114,8 @@ async fn identify_stored(
     note_cycles(&taken.passed_over, &taken.in_spite);
     if let Some(cycle) = sources_overlap(&taken.sources, &prior_sources) {
         return Err(CliError::Usage(format!(
-            "cycle {} of run {} is behind the prior and among those chosen: it would count twice; choose \
-             other cycles for one of them",
+            "cycle {} of run {} is both in the prior and among the chosen cycles: it would count twice; \
+            choose other cycles for one of them",
             cycle.cycle, cycle.run_id
         )));
     }

@@ -112,7 +112,7 @@ impl Report<'_> {
     fn set_text(&self, found: &PooledEstimate) -> String {
         let mut text = format!("{}\n{}\n", figures_text(&found.identification), errors_text(found.errors));
         if !found.settled {
-            text.push_str("weights did not settle; the last ones are taken\n");
+            text.push_str("weights did not converge; the last ones are used\n");
         }
         text.push_str(&self.weights_text(found));
         if let Some(prior) = &found.prior {
@@ -128,7 +128,7 @@ impl Report<'_> {
         if let Some(report) = &found.essential {
             let removed: Vec<String> = report.removed.iter().map(ToString::to_string).collect();
             text.push_str(&format!(
-                "\n\n{} of {} parameters taken away, the least certain first: {}\nF = {:.3}, no worse up to {:.3}",
+                "\n\n{} of {} parameters omitted, the least certain first: {}\nF = {:.3}, not worse up to {:.3}",
                 removed.len(),
                 report.full.len(),
                 if removed.is_empty() { "none".to_owned() } else { removed.join(" ") },
@@ -156,9 +156,9 @@ impl Report<'_> {
             .collect();
         if self.estimator == EstimatorKind::Huber {
             text.push_str(if less.is_empty() {
-                "no cycle has lost weight\n"
+                "all cycles have full weight\n"
             } else {
-                "cycles of less weight:\n"
+                "cycles with less weight:\n"
             });
         }
         text + &less.concat()
@@ -190,7 +190,7 @@ impl Report<'_> {
                 .is_shown())
         );
         if !view.within_others.is_empty() {
-            text.push_str(&format!("\nseen only within others: {}", names(&view.within_others)));
+            text.push_str(&format!("\nseen only in sums with others: {}", names(&view.within_others)));
         }
         if !view.unseen.is_empty() {
             text.push_str(&format!("\nnot seen by joint {joint}: {}", names(&view.unseen)));
@@ -201,8 +201,9 @@ impl Report<'_> {
     fn poor_text(&self) -> String {
         let shown = &self.together.shown;
         format!(
-            "condition number {}, columns scaled {}\nthe motion of these cycles shows too few parameters; no values are \
-             given\n{}take more cycles with other motion, or --estimator prior with what is known of the arm",
+            "condition number {}, columns scaled {}\nthe motion of these cycles shows too few parameters; \
+            no values are given\n{}use more cycles with other motion, or --estimator prior with a prior for \
+            the arm",
             four_digits(shown.condition_number),
             four_digits(shown.scaled_condition_number),
             self.indistinct_text()
@@ -236,7 +237,7 @@ impl Report<'_> {
         for of in &shown.indistinct {
             let from: Vec<String> = of.from.iter().map(|&k| self.id(k).to_string()).collect();
             let from = if from.is_empty() { "all others".to_owned() } else { from.join(" ") };
-            text.push_str(&format!("  {} is not told apart from {from}\n", self.id(of.column)));
+            text.push_str(&format!("  {} cannot be separated from {from}\n", self.id(of.column)));
         }
         text
     }

@@ -35,8 +35,8 @@ pub(in crate::cli) async fn prior_choice(
         let set = find_set(store, word, config.analysis.estimator).await?;
         if let Some(model) = model.filter(|model| *model != set.model) {
             return Err(CliError::Usage(format!(
-                "the prior {word} belongs to another description (model {}) than the chosen cycles (model {}): \
-                 base parameters of different descriptions mean different things",
+                "the prior {word} belongs to another description (model {}) than the chosen cycles (model \
+                {}): base parameters of different descriptions are not comparable",
                 set.model.name, model.name
             )));
         }
@@ -44,7 +44,7 @@ pub(in crate::cli) async fn prior_choice(
     };
     if priors.is_empty() {
         return Err(CliError::Usage(format!(
-            "the prior {word} says nothing: the description has no nominal parameters; name a run or a saved set"
+            "the prior {word} is empty: the description has no nominal parameters; name a run or a saved set"
         )));
     }
     Ok((EstimatorChoice::Stacked(StackedEstimator::Prior { priors, strength }), sources))
@@ -77,8 +77,8 @@ fn of_description(
         entry.map(|entry| &entry.description).filter(|robot| model.is_none_or(|of| of.describes(robot)));
     let Some(described) = described else {
         return Err(CliError::Usage(format!(
-            "the configuration has no description of robot {name} like the one its cycles were analysed with; \
-             name a run or a saved set as --prior"
+            "the configuration no longer has the description of robot {name} that its cycles were analysed \
+            with; name a run or a saved set as --prior"
         )));
     };
     let base = base_parameters(described).map_err(|error| CliError::Usage(error.to_string()))?;

@@ -42,28 +42,27 @@ Examples:
       --accept late_torque
   armwatch ingest --again 12 13
 
-Folders are searched with their subfolders for *.csv, *.csv.gz, *.csv.zst, *.parquet, *.mcap
-and *.dat with *.r64 beside it.
-A file whose content is
-stored already is named and passed over; a quarantined one is read again. Sources are never changed.
+The command searches folders and their subfolders for *.csv, *.csv.gz, *.csv.zst, *.parquet, *.mcap and *.dat with
+*.r64 next to it. It names and skips files whose content is already stored. It reads quarantined files again. It
+never changes sources.
 
-The last line counts what became of the exports; with --json it is an object whose outcome is summary. After Ctrl-C too:
-then the object's interrupted is true, and the same command goes on. An export that another program takes at the same
-time is left to it, and looked at again at the end.
+The last line has the number of exports per outcome; with --json it is an object whose outcome is summary. Ctrl-C
+prints it too, with interrupted set to true; the same command then continues. If another program is reading an
+export, the command skips the export and checks it again at the end.
 
-With --again, complete runs are read anew from their exports, after a robot or layout file was corrected. They keep
-their numbers; conclusions follow. If the export is not understood any more, the run is quarantined.
+--again reads complete runs from their exports again, for example after a robot or layout file was corrected. The
+runs keep their numbers, and conclusions follow. A run is quarantined if its export can no longer be read.
 
-Exit status 1 if an export was quarantined, or gave no result: every cycle was refused.")]
+Exit status 1 if an export was quarantined, or if every cycle of an export was refused.")]
 pub(super) struct IngestArgs {
     /// Exports, or folders of exports
     #[arg(required_unless_present = "again", value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Read these runs anew, instead
+    /// Read these runs again, instead of files
     #[arg(long, value_name = "RUN_ID", num_args = 1.., allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..), conflicts_with = "paths")]
     again: Vec<i64>,
-    /// Take cycles in spite of this finding, marked by a remark; may be given several times. Adds to [analysis] accept of
-    /// the configuration; a refusal says the name of its finding, docs/method.md explains them
+    /// Accept cycles in spite of this finding and add a remark; may be repeated. Adds to [analysis] accept of the
+    /// configuration. Every refusal names its finding; docs/method.md explains the findings
     #[arg(long, value_name = "FINDING", value_parser = finding_kind())]
     accept: Vec<FindingKind>,
 }
@@ -127,7 +126,7 @@ async fn take_again(
         match (run.status, export.map_err(|error| CliError::Internal(error.to_string()))?) {
             (RunStatus::Complete | RunStatus::Quarantined, Ok(export)) => exports.push(export),
             (RunStatus::Complete | RunStatus::Quarantined, Err(missing)) => {
-                return Err(CliError::Usage(format!("{missing}; put it back there, and run again")));
+                return Err(CliError::Usage(format!("{missing}; put it back, and run again")));
             }
             (status @ (RunStatus::Superseded | RunStatus::SetAside | RunStatus::Streaming), _) => {
                 return Err(CliError::Usage(format!(
@@ -190,7 +189,7 @@ fn print_tally(tally: &Tally, took: Duration, is_interrupted: bool, as_json: boo
 fn end_early(tally: &Tally, took: Duration, exports: usize, as_json: bool) -> u8 {
     print_tally(tally, took, true, as_json);
     output::print_hint(&format!(
-        "stopped after {} of {}; what is stored stays: run the same command again to go on",
+        "stopped after {} of {}; stored results stay: run the same command again to continue",
         tally.decided(),
         output::counted(exports, "export")
     ));
@@ -305,10 +304,10 @@ impl IngestBatch<'_> {
             }
             Conclusion::UpToDate => {}
             Conclusion::Elsewhere => {
-                bar.pause(|| output::print_hint(&format!("{robot}: a daemon judges its history now")));
+                bar.pause(|| output::print_hint(&format!("{robot}: a daemon is evaluating its history")));
             }
             Conclusion::Faulty(reason) => {
-                bar.pause(|| output::print_hint(&format!("{robot}: nothing new is concluded: {reason}")));
+                bar.pause(|| output::print_hint(&format!("{robot}: no new conclusion: {reason}")));
                 return Ok(false);
             }
         }

@@ -23,10 +23,7 @@ pub(super) fn lasting(time: Duration) -> String {
 
 /// Text about an export that another program reads at the same time.
 pub(super) fn elsewhere(path: &Path) -> String {
-    format!(
-        "{}: another program takes it at the same time; it is looked at again at the end",
-        text::of_path(path)
-    )
+    format!("{}: another program is reading it; checked again at the end", text::of_path(path))
 }
 
 /// Prints the outcome of an export: `known_robot` is the robot of a run that was stored before, `empty` is the note
@@ -64,7 +61,7 @@ pub(super) fn print(
 fn no_result(result: &RunResult, is_read_now: bool) -> String {
     let reason = result.reason.as_deref().filter(|_| !is_read_now);
     match (result.refused, reason) {
-        (0, _) => "no result: it holds no cycle that could be measured".into(),
+        (0, _) => "no result: it has no usable cycle".into(),
         (refused, reason) => format!(
             "no result: {refused} of {} were refused{}",
             output::counted(result.cycles, "cycle"),
@@ -122,10 +119,10 @@ fn as_text(path: &Path, outcome: &Outcome, known_robot: Option<&str>) -> String 
         Outcome::Unreadable { rejection } => format!("unreadable   {rejection}; then run again"),
         Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
         Outcome::InWork { run_id: Some(run_id) } => {
-            format!("in work      {file}: another program takes it as run {run_id}; run again")
+            format!("in work      {file}: another program is reading it as run {run_id}; run again")
         }
         Outcome::InWork { run_id: None } => {
-            format!("in work      {file}: another program takes it; run again")
+            format!("in work      {file}: another program is reading it; run again")
         }
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
     }

@@ -26,21 +26,23 @@ Examples:
   armwatch layout infer motors.csv --description config/robots/tx40.toml \\
       --sample-rate-hz 5000
 
-Reads the first rows of an export, CSV of any encoding, delimiter and decimal mark, Parquet or MCAP, and writes a layout file to
-standard output or, whole or not at all, to --output; each choice has its reason above it. What cannot be decided stays
-a comment that begins with \"# ?\": answer it, name the file in armwatch.toml, and run `armwatch config check`. All
-keys of a layout are in docs/layouts.md. For an export with the columns of several arms, such as left and right, a layout
-of each is written, with the arm at the end of its name: cell4_left.toml.
+The command reads the first rows of an export: CSV with any encoding, delimiter and decimal mark, Parquet or MCAP.
+It writes a layout file to standard output or, completely or not at all, to --output. Each choice has its reason
+above it. An open question is a comment that begins with \"# ?\": answer it, name the file in armwatch.toml, and
+run `armwatch config check`. docs/layouts.md has all keys of a layout. For an export with the columns of several
+arms, such as left and right, the command writes one layout per arm, with the arm at the end of its name:
+cell4_left.toml.
 
-The layout is tried before it is written: the whole export is read with it and, if there is a description, analysed.
-Its first lines, and \"trial\" of --json, say how many rows, cycles and stages that gave and what was found.
+Before it writes the layout, the command tries it: it reads the whole export with it and, if there is a
+description, analyses it. The first lines, and \"trial\" of --json, have the number of rows, cycles and stages,
+and the findings.
 
---robot is the name of a robot, as exports carry it: the description that the configuration names for it says how many
-joints there are, how far they go and which torques gravity asks for. Its layout need not exist yet, and nothing else of
-the configuration is read. --description names such a file directly. Neither is needed where columns have names. Exit
-status 1 if questions are left or the trial failed, 2 if there is no such file or it holds no table.")]
+--robot is the name of a robot as in the exports. Its description, named by the configuration, has the number of
+joints, their ranges and the torques of gravity. The layout of the robot need not exist yet; the command ignores
+the rest of the configuration. --description names a description file directly. Neither is needed if the columns
+have names. Exit status 1 if questions are open or the trial failed, 2 if the file does not exist or has no table.")]
 pub(in crate::cli) struct InferArgs {
-    /// Export: CSV, plain, .gz or .zst, Parquet or MCAP
+    /// Export: CSV (plain, .gz or .zst), Parquet or MCAP
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Robot of the export; its entry in the configuration names the description
@@ -49,13 +51,13 @@ pub(in crate::cli) struct InferArgs {
     /// Description of the robot, a .toml file
     #[arg(long, value_name = "FILE", conflicts_with = "robot")]
     description: Option<PathBuf>,
-    /// Layout file to write; one that exists is left alone
+    /// Layout file to write; an existing file is not changed
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write over a layout file that exists
+    /// Replace an existing layout file
     #[arg(long, requires = "output")]
     force: bool,
-    /// Name of the layout [default: the file's]
+    /// Name of the layout [default: that of the file]
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
     /// Rows per second, for exports without time
@@ -87,9 +89,7 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
         refuse_database(&output)?;
         if !args.force && output.exists() {
             let output = output.display();
-            return Err(CliError::Usage(format!(
-                "{output} exists and is left as it is; --force writes over it"
-            )));
+            return Err(CliError::Usage(format!("{output} exists and is not changed; --force replaces it")));
         }
     }
     let mut code = EXIT_DONE;
@@ -160,8 +160,8 @@ fn description(global: &Global, args: &InferArgs) -> Result<Option<Robot>, CliEr
             let found = source.read_description(robot)?;
             found.map(Some).ok_or_else(|| {
                 CliError::Usage(format!(
-                    "no [[robot]] of {source} is for a robot called {robot}; --description FILE names a description \
-                     directly, and neither is needed where columns have names"
+                    "no [[robot]] of {source} is for a robot called {robot}; --description FILE names a \
+                    description directly, and neither is needed if columns have names"
                 ))
             })
         }

@@ -66,7 +66,7 @@ pub(super) fn run(path: &Path, proposed: &Proposed, description: Option<&Robot>)
     let arm = match robot {
         Some(robot) => robot,
         None if proposed.joints == 0 => {
-            return Ok(Trial::not_made("nothing tells how many joints there are"));
+            return Ok(Trial::not_made("the number of joints is unknown"));
         }
         None => {
             stand_in = unknown_arm(proposed.joints)?;
@@ -136,8 +136,8 @@ fn of_reading(
         sentences.push(format!("{} more: see `armwatch explain`.", output::counted(more, "finding")));
     }
     sentences.push(match (&misfit, analyses.is_empty()) {
-        (Some(misfit), _) => format!("Not identified, because the description does not fit: {misfit}"),
-        (None, true) => "Not identified: that needs a description (--description or --robot).".to_owned(),
+        (Some(misfit), _) => format!("Not identified: the description does not fit: {misfit}"),
+        (None, true) => "Not identified: this needs a description (--description or --robot).".to_owned(),
         (None, false) if findings.is_empty() => "Findings: none.".to_owned(),
         (None, false) => String::new(),
     });

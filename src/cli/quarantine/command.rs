@@ -41,9 +41,9 @@ Examples:
   armwatch quarantine retry --all
   armwatch quarantine dismiss notes.csv --reason \"no export\"
 
-A quarantined export stays where it is. Either export it again, corrected: it is taken by itself, and the
-faulty content stands as superseded. Or, if the robot or layout file was wrong, correct that and retry. Or, if
-it is no export, dismiss it.")]
+A quarantined export stays at its place. There are three remedies. If the export is faulty, export it again,
+corrected: armwatch reads it and marks the faulty content as superseded. If the robot or layout file was wrong,
+correct it and retry. If the file is no export, dismiss it.")]
 pub(in crate::cli) struct QuarantineArgs {
     #[command(subcommand)]
     command: QuarantineCommand,
@@ -51,68 +51,68 @@ pub(in crate::cli) struct QuarantineArgs {
 
 #[derive(Debug, Subcommand)]
 enum QuarantineCommand {
-    /// Exports that are quarantined now, the newest first
+    /// List quarantined exports, newest first
     #[command(after_help = "\
 Examples:
   armwatch quarantine list
   armwatch quarantine list --robot R07 --all
   armwatch quarantine list --json")]
     List {
-        /// Only exports of this robot
+        /// Show only exports of this robot
         #[arg(long, value_name = "NAME")]
         robot: Option<String>,
-        /// Also faults that are settled, each with what became of it
+        /// Include faults that are no longer open, each with its outcome
         #[arg(long)]
         all: bool,
     },
-    /// The place in the file, what is wrong there, the remedy, and what a retry would do
+    /// Show the place in the file, the fault, the remedy, and the result of a retry
     #[command(after_help = "\
 Examples:
   armwatch quarantine explain 12
   armwatch quarantine explain R07_20260105_0847.csv")]
     Explain {
-        /// Number of the run, or its file
+        /// Number or file of the run
         #[arg(value_name = "RUN_ID|FILE")]
         which: String,
     },
-    /// Read exports again after the robot or layout file was corrected
+    /// Read exports again, after a correction of the robot or layout file
     #[command(after_help = "\
 Examples:
   armwatch quarantine retry 12
   armwatch quarantine retry R07_20260105_0847.csv
   armwatch quarantine retry --all --no-wait
 
-The run keeps its number; what each attempt found stays in the view `quarantine`. While a daemon works on
-the database, it is asked to do it, reads its configuration again, and takes the export within its scan
-interval; the command waits for the outcome. Exit status 1 if an export is still not understood.")]
+The run keeps its number. The view `quarantine` has the result of each attempt. If a daemon works on the database,
+the command asks the daemon to retry: it reads its configuration again and reads the export within its scan
+interval. The command waits for the result. Exit status 1 if an export still cannot be read.")]
     Retry {
-        /// Number of the run, or its file
+        /// Number or file of the run
         #[arg(value_name = "RUN_ID|FILE", required_unless_present = "all")]
         which: Option<String>,
-        /// Every quarantined export
+        /// Retry every quarantined export
         #[arg(long, conflicts_with = "which")]
         all: bool,
-        /// Ask a running daemon and do not wait for the outcome
+        /// Do not wait for the result if a daemon is running
         #[arg(long)]
         no_wait: bool,
     },
-    /// Say that nothing is to be done about an export, such as a file that is none
+    /// Dismiss an export that needs no action, such as a file that is no export
     #[command(after_help = "\
 Examples:
   armwatch quarantine dismiss 12 --reason \"list of spare parts, no export\"
   armwatch quarantine dismiss notes.csv --reason \"no export\" --by mueller
 
-It is counted as an open problem no longer, neither in `quarantine list` nor in the counts of the fleet; `list --all`
-shows it with time, name and reason. `armwatch quarantine retry` brings it back, and so does another fault in it. The
-file stays where it is.")]
+A dismissed export is no longer in `quarantine list` or in the counts of the fleet. `list --all` shows it with
+time, name and reason. `armwatch quarantine retry`, or another fault in the file, brings it back. The file stays
+at its place.")]
     Dismiss {
-        /// Number of the run, or its file
+        /// Number or file of the run
         #[arg(value_name = "RUN_ID|FILE")]
         which: String,
-        /// Why nothing is to be done
+        /// Reason for the dismissal
         #[arg(long, value_name = "TEXT", value_parser = said)]
         reason: String,
-        /// Who says so [default: the user's name]
+        /// Name of the person [default: the user's name]
         #[arg(long, value_name = "NAME", value_parser = said)]
         by: Option<String>,
     },
@@ -157,7 +157,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) ->
         output::line(&format!("nothing{of} is quarantined"));
     } else {
         let row = |fault: &QuarantineRow| {
-            let retry = if fault.retry_asked_at.is_some() { ", retry asked" } else { "" };
+            let retry = if fault.retry_asked_at.is_some() { ", retry requested" } else { "" };
             vec![
                 fault.run_id.to_string(),
                 fault.robot.clone(),
@@ -200,7 +200,7 @@ async fn dismiss(
     if !store.dismiss(run_id, &by, reason).await? {
         let latest = faults.iter().find(|fault| fault.run_id == run_id);
         let outcome = latest.map(story::outcome).unwrap_or_default();
-        return Err(CliError::Usage(format!("run {run_id} is no open problem: {outcome}")));
+        return Err(CliError::Usage(format!("run {run_id} is not an open problem: {outcome}")));
     }
     if global.json {
         output::json(&json!({"run_id": run_id, "outcome": "dismissed", "by": by, "reason": reason}));
@@ -308,7 +308,7 @@ impl Retries<'_> {
             && !matches!(settled.state, FaultState::Open | FaultState::Dismissed)
         {
             return Err(CliError::Usage(format!(
-                "run {} is not quarantined any more: {}",
+                "run {} is no longer quarantined: {}",
                 settled.run_id,
                 story::outcome(settled)
             )));
@@ -361,8 +361,7 @@ impl Retries<'_> {
             let known = self.store.known_run(run_id).await?;
             match known {
                 Some(run) if run.retry_asked && Instant::now() > deadline => {
-                    let why =
-                        "the daemon has not come to it; it stays asked for, see `armwatch quarantine list`";
+                    let why = "the daemon has not retried it yet; the request stays, see `armwatch quarantine list`";
                     self.say(path, run_id, "waiting", why);
                     return Ok(EXIT_FOUND);
                 }
@@ -378,7 +377,7 @@ impl Retries<'_> {
                 }
                 // another export has its content, or has superseded it
                 _ => {
-                    self.say(path, run_id, "known", "another run has taken its place");
+                    self.say(path, run_id, "known", "another run has replaced it");
                     return Ok(EXIT_DONE);
                 }
             }

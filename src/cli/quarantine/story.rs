@@ -87,7 +87,7 @@ impl<'a> FaultReport<'a> {
             line("remedy", &fault.remedy);
         }
         if fault.cycles_stored > 0 {
-            line("stored", &format!("{} whole cycles before the fault", fault.cycles_stored));
+            line("stored", &format!("{} complete cycles before the fault", fault.cycles_stored));
         }
         for earlier in self.earlier {
             line("earlier", &format!("{}: {}", minute(earlier.last_at), one_line(earlier)));
@@ -180,11 +180,11 @@ pub fn what_retry_does(fault: &QuarantineRow, place: &ExportState) -> String {
             format!("reads {} if it can be read by then; now: {error}", text::of_path(at))
         }
         ExportState::Changed(at) => format!(
-            "cannot: {} holds another content now, which is a run of its own; the faulty bytes are gone",
+            "impossible: {} now has other content, which is a separate run; the faulty bytes are gone",
             text::of_path(at)
         ),
         ExportState::Gone(at) => {
-            format!("cannot: {} is not there any more; export it again", text::of_path(at))
+            format!("impossible: {} no longer exists; export it again", text::of_path(at))
         }
     }
 }

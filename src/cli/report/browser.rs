@@ -52,7 +52,8 @@ pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Re
         command.arg(format!("--print-to-pdf={}", printed.display())).args(sandbox).arg(&page);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).kill_on_drop(true);
         let done = tokio::time::timeout(PATIENCE, command.output()).await;
-        let done = done.map_err(|_| failed(&format!("it is not done after {} s", PATIENCE.as_secs())))?;
+        let done =
+            done.map_err(|_| failed(&format!("it has not finished after {} s", PATIENCE.as_secs())))?;
         let done = done.map_err(|error| failed(&error.to_string()))?;
         if std::fs::metadata(&printed).is_ok_and(|file| file.len() > 0) {
             // a rename to another file system is impossible
@@ -72,8 +73,8 @@ fn find(named: Option<&Path>, path: Option<&std::ffi::OsStr>) -> Result<PathBuf,
     let places = NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
     places.into_iter().find(|place| place.is_file()).ok_or_else(|| {
         CliError::Io(format!(
-            "a PDF needs a Chromium, and none of {} is in the folders of PATH; name one with --browser, or end the name \
-             with .html and print that page from any browser",
+            "a PDF needs Chromium, but none of {} is in PATH; name a program with --browser, or end the \
+            name with .html and print that page from any browser",
             NAMES.join(", ")
         ))
     })

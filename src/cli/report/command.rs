@@ -21,24 +21,25 @@ Examples:
   armwatch report R07 -o r07.pdf
   armwatch report R07 -o r07.pdf --browser /opt/chrome/chrome
 
-One page in one file, which needs nothing else: it can be sent, archived and printed. Its first sheet says in words
-where every joint stands, which alarms are open, what to check, and what is not known.
+The report is one page in one file without references to other files, ready to send, archive and print. Its first
+sheet is a summary in words: the state of every joint, open alarms, the next checks, and the gaps in the data.
 
-Of a RUN: what was recorded, base parameters with standard errors, RMSD by cycle and stage, residuals, friction with its
-warm-up curves and over speed. Of a ROBOT: the friction index with its limits, alarms and maintenance, RMSD over its
-tests, the latest parameters against those of its baseline, other arms of its model, maintenance.
+The report of a run has the recording, base parameters with standard errors, RMSD by cycle and stage, residuals,
+and friction with its warm-up curves and over speed. The report of a robot has the friction index with its limits,
+alarms and maintenance, RMSD over its tests, the latest parameters compared with those of its baseline, and other
+arms of its model.
 
-SUBJECT is the name of a robot, or the number of a run where no robot has that name; `armwatch robots` and `armwatch runs`
-list them. Reads only the database; torques over time are drawn by `armwatch torque`, which reads the export. A PDF is
-printed by a Chromium or Chrome of this machine.")]
+SUBJECT is the name of a robot, or the number of a run if no robot has that name; `armwatch robots` and `armwatch
+runs` list them. The command reads only the database; `armwatch torque` reads the export and draws torques over
+time. A PDF needs Chromium or Chrome on this computer.")]
 pub(in crate::cli) struct ReportArgs {
-    /// Name of a robot, or number of a run
+    /// Name of a robot or number of a run
     #[arg(value_name = "SUBJECT")]
     subject: String,
     /// Write the page into this file, .html or .pdf
     #[arg(short, long, value_name = "FILE", value_parser = ReportFile::parse)]
     output: ReportFile,
-    /// Chromium or Chrome that prints a PDF [default: the first in the folders of PATH]
+    /// Chromium or Chrome program that prints a PDF [default: the first in PATH]
     #[arg(long, value_name = "FILE")]
     browser: Option<PathBuf>,
     /// Language of the page: en, it, de or zh [default: alerts.language]
@@ -112,7 +113,7 @@ fn no_run(run_id: i64, runs: &[RunRow]) -> String {
             format!("there is no run {run_id}; the nearest is {near}, and `armwatch runs` lists all")
         }
         None => {
-            format!("there is no run {run_id}: no run is stored yet; `armwatch ingest FILE` takes an export")
+            format!("there is no run {run_id}: no run is stored yet; `armwatch ingest FILE` reads an export")
         }
     }
 }
@@ -125,7 +126,7 @@ fn no_robot(name: &str, runs: &[RunRow]) -> String {
     known.dedup();
     if known.is_empty() {
         return format!(
-            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` takes an export"
+            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` reads an export"
         );
     }
     let distance = |of: &&str| strsim::osa_distance(&of.to_lowercase(), &name.to_lowercase());

@@ -34,15 +34,15 @@ Examples:
   armwatch robot check config/robots/er3a.toml \\
       --reference tests/reference/er3a_inverse_dynamics.csv
 
-The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last
-frame in the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33; torques are those of the rigid links with
-the description's nominal inertia, without friction and motor inertia. Exit status 1 if they disagree, or
-if the formulas disagree with each other on this arm.")]
+The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last frame in
+the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33. Its torques are those of rigid links with the nominal
+inertia of the description, without friction and motor inertia. Exit status 1 if the reference differs, or if the
+formulas of the program disagree with each other on this arm.")]
 pub(in crate::cli) struct RobotCheckArgs {
     /// Robot description
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Table of states with torque and pose to compare with
+    /// Reference table: states with torque and pose
     #[arg(long, value_name = "CSV")]
     reference: Option<PathBuf>,
 }
@@ -98,8 +98,8 @@ fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<S
     let Some(shown) = shown else {
         return match robot.has_load_friction() {
             true => vec![
-                "Friction under load: the description has no excitation or no nominal parameters to tell whether a motion \
-                 shows it"
+                "Load-dependent friction: not checked, because the description has no excitation or no \
+                nominal parameters"
                     .to_owned(),
             ],
             false => Vec::new(),
@@ -110,15 +110,16 @@ fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<S
         let visible = shown.iter().filter(|of| of.own_part >= LEAST_OWN_PART);
         let joints: Vec<String> = visible.map(|of| of.joint.to_string()).collect();
         let joints = if joints.is_empty() { "none".to_owned() } else { joints.join(", ") };
-        return vec![format!("Friction under load: the excitation would show it in these joints: {joints}")];
+        return vec![format!("Load-dependent friction: the excitation shows it in these joints: {joints}")];
     }
     let line = |of: &LoadVisibility| {
         let verdict = match of.own_part >= LEAST_OWN_PART {
             true => "shown",
-            false => "NOT SHOWN, let the joint move at equal speed under different loads",
+            false => "NOT SHOWN, move the joint at equal speed under different loads",
         };
         format!(
-            "Friction under load of joint {}: {:.0} % of its column is its own, largest load {:.1} Nm (N): {verdict}",
+            "Load-dependent friction of joint {}: {:.0} % of its column is independent, largest load {:.1} \
+            Nm (N): {verdict}",
             of.joint,
             100.0 * of.own_part,
             of.largest_load
@@ -139,9 +140,10 @@ fn inconsistency(checked: &RobotCheck) -> Option<String> {
     let found = &checked.identities;
     if found.grouping > EXACT_TOLERANCE {
         return Some(format!(
-            "base parameters give another torque than all parameters, by {:.1e} of it, above {EXACT_TOLERANCE:.0e}: the \
-             geometry is almost, but not quite, one with fewer parameters, as with rounded angles or lengths; write right \
-             angles with all digits, and 0 for lengths that are meant to be 0",
+            "the torque of the base parameters differs from that of all parameters by {:.1e} of it, above \
+            {EXACT_TOLERANCE:.0e}: the geometry is almost one with fewer parameters, for example because of \
+            rounded angles or lengths; write right angles with all digits, and 0 for lengths that should be \
+            0",
             found.grouping
         ));
     }

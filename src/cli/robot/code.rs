@@ -35,48 +35,48 @@ Examples:
   armwatch robot code --description-only --language c -o nominal \\
       --description config/robots/er3a.toml
 
-Writes torque(q, qd, qdd) of the identified model, with its constants, as source that needs no library: rigid
-links, gravity, motor inertia, friction, coupled motors; SI units. Its comment has equations, signs, recordings
-and warmth. Beside it are vectors.csv, states with the torques of this program, and self_check.*, which prints
-the largest difference from them and the nanoseconds of a call:
+The command writes the function torque(q, qd, qdd) of the identified model with its constants, as source that
+needs no library: rigid links, gravity, motor inertia, friction, coupled motors; SI units. A comment has
+equations, signs, recordings and thermal state. Two more files are vectors.csv, states with the torques of
+armwatch, and self_check.*, which prints the largest difference from them and the nanoseconds per call:
   C       cc -std=c99 -O2 -o self_check self_check.c *_torque.c -lm && ./self_check
   Rust    rustc --edition 2021 -O self_check.rs && ./self_check
   Python  python3 self_check.py
 
-Friction is that of the chosen cycles. --friction-minute scales it to another minute of the recording by the
-warm-up curves of its friction stages. The same input gives the same bytes. Before anything is written, the
-formulas are compared with the program's own at all test vectors. A file of the same name that is not of this
-command is left alone, and nothing is written, unless --force is given.")]
+Friction is that of the chosen cycles. --friction-minute scales it to another minute of the recording with the
+warm-up curves of its friction stages. The same input gives the same bytes. Before the command writes anything, it
+compares the formulas with its own at all test vectors. If a file of the same name exists that this command did
+not write, the command writes nothing, unless --force is given.")]
 #[command(group(ArgGroup::new("model").args(["runs", "parameters", "description_only"]).required(true)))]
 pub(in crate::cli) struct RobotCodeArgs {
-    /// Run whose cycles are taken; may be given several times
+    /// Run whose cycles are used; may be repeated
     #[arg(help_heading = "Model", long = "run", value_name = "RUN")]
     runs: Vec<i64>,
     /// Saved parameter set
     #[arg(help_heading = "Model", long, value_name = "SET", conflicts_with_all = ["runs", "cycles"])]
     parameters: Option<String>,
-    /// Nominal parameters of the description, with warm friction; no database is needed
+    /// Use the nominal parameters of the description, with warm friction; needs no database
     #[arg(help_heading = "Model", long, requires = "description", conflicts_with_all = ["cycles", "friction_minute"])]
     description_only: bool,
     /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
     #[arg(help_heading = "Model", long, value_name = "CYCLES")]
     cycles: Option<String>,
-    /// Robot description [default: the configuration's that the cycles were analysed with]
+    /// Robot description [default: the configured one, used for the analysis of the cycles]
     #[arg(help_heading = "Model", long, value_name = "FILE")]
     description: Option<PathBuf>,
     /// Scale friction to this minute since the start of the recording
     #[arg(help_heading = "Model", long, value_name = "MINUTE")]
     friction_minute: Option<f64>,
-    /// Language; may be given several times
+    /// Language; may be repeated
     #[arg(help_heading = "Code", long = "language", value_name = "LANGUAGE", value_enum, required = true)]
     languages: Vec<LanguageArg>,
-    /// Name of the files and functions, made an identifier [default: the description's model]
+    /// Name of the files and functions, changed to an identifier [default: the model of the description]
     #[arg(help_heading = "Code", long, value_name = "NAME")]
     name: Option<String>,
-    /// Folder to write into; made if it is not there
+    /// Folder to write to; created if missing
     #[arg(help_heading = "Code", short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Replace files that are not of this command
+    /// Replace files that this command did not write
     #[arg(help_heading = "Code", long)]
     force: bool,
 }
@@ -164,7 +164,8 @@ async fn identified(
     let set = match &args.parameters {
         Some(name) => store.parameter_set(name).await?.ok_or_else(|| {
             CliError::Usage(format!(
-                "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
+                "\"{name}\" is not a saved parameter set; `armwatch identify --save {name}` creates one, \
+                --run uses a run"
             ))
         })?,
         None => {
@@ -180,8 +181,8 @@ async fn identified(
     };
     if !set.model.describes(&robot) {
         return Err(CliError::Usage(format!(
-            "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, friction \
-             columns or couplings differ; give that one with --description",
+            "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, \
+            friction columns or couplings differ; give the right one with --description",
             robot.model, set.model.name
         )));
     }
@@ -201,8 +202,8 @@ async fn identified(
     let recorded = recorded(store, &set.sources).await?;
     lines.extend(source_lines(&set.sources, &recorded).into_iter().map(|line| format!("  {line}")));
     lines.push(
-        "Each stands for a sum of link parameters, which its comment has: alone it is no property of a body, and masses that \
-         are missing are in others. All together they give the torque of the arm."
+        "Each is a sum of link parameters, listed in its comment: a single one is not a property of a body, \
+        and missing masses are part of others. Together they give the torque of the arm."
             .to_owned(),
     );
     let friction = warmth_lines(&robot, &warmth, args.friction_minute, friction_factors.as_deref());
@@ -252,14 +253,15 @@ pub(super) fn factors_at(robot: &Robot, warmth: &WarmUpCurves, minute: f64) -> R
     let last = warmth.last_minute().unwrap_or(0.0);
     if last > 0.0 && !(0.0..=last).contains(&minute) {
         return Err(CliError::Usage(format!(
-            "--friction-minute {minute}: friction was measured to minute {last:.1}; name a minute from 0 to that"
+            "--friction-minute {minute}: friction was measured until minute {last:.1}; give a minute from 0 to this"
         )));
     }
     let of_joint = |joint: JointIndex| {
         warmth.relative_friction(joint, minute).ok_or_else(|| {
             CliError::Usage(format!(
-                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: its friction stages \
-                 show none; leave --friction-minute out for the friction of the chosen cycles"
+                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: \
+                its friction stages show none; omit --friction-minute to use the friction of the chosen \
+                cycles"
             ))
         })
     };
@@ -293,7 +295,7 @@ pub(super) fn warmth_lines(
         )];
     }
     let Some(last) = warmth.last_minute() else {
-        return vec![when, "warmth unknown: the recording has no warm-up curves".to_owned()];
+        return vec![when, "thermal state unknown: the recording has no warm-up curves".to_owned()];
     };
     let at_end = |joint| warmth.relative_friction(joint, last);
     let ends = robot.joint_indices().map(at_end);
@@ -345,12 +347,12 @@ fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
         .collect();
     let mut lines = vec!["Nominal parameters of the description: nothing here was identified.".to_owned()];
     if !robot.couplings.is_empty() {
-        lines.push("Coupled motors have no nominal parameters: what they add is left out.".to_owned());
+        lines.push("Coupled motors have no nominal parameters: their effect is omitted.".to_owned());
     }
     if robot.springs.iter().any(|spring| spring.nominal.is_none())
         || robot.parallelograms.iter().any(|of| of.nominal.is_none())
     {
-        lines.push("Springs and cranks without nominal parameters are left out.".to_owned());
+        lines.push("Springs and cranks without nominal parameters are omitted.".to_owned());
     }
     let origin = CodeOrigin {
         program: program(),
@@ -372,8 +374,8 @@ fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliErro
         };
         if !is_generated(&known, file) {
             return Err(CliError::Usage(format!(
-                "{} is not of this command and nothing is written; name another folder with -o, or replace it with \
-                 --force",
+                "{} was not written by this command, so nothing is written; name another folder with -o, or \
+                replace it with --force",
                 path.display()
             )));
         }

@@ -23,16 +23,16 @@ Examples:
       --load-mass-kg 5 --load-centre-m 0,0,0.08 \\
       --load-inertia-kg-m2 0.02,0,0,0.02,0,0.01
 
-Record the same test twice, without and with a load whose mass and centre are known, and ingest both with one
-configuration. What is needed was stored with the cycles: no export is read. The true gain of a joint is the
-one in the description times the correction. A joint on which the load does not show gets a reason and no
-number. The load is rigidly attached; its frame is [tool] of the description, or without one the frame of the
-last joint. Exit status 1 if no joint has an answer. See docs/exports.md.")]
+Record the same test twice, without and with a load whose mass and centre of mass are known. Ingest both
+recordings with one configuration. The command uses factors stored with the cycles and reads no export. The true
+gain of a joint is the one in the description times the correction. A joint whose torque hardly depends on the
+load gets a reason and no value. The load must be rigidly attached. Its frame is [tool] of the description, or the
+frame of the last joint if there is no [tool]. Exit status 1 if no joint has a result. See docs/exports.md.")]
 pub(in crate::cli) struct DriveGainsArgs {
-    /// Run without the load; may be given several times
+    /// Run without the load; may be repeated
     #[arg(long = "without", value_name = "RUN", required = true)]
     without: Vec<i64>,
-    /// Run with the load; may be given several times
+    /// Run with the load; may be repeated
     #[arg(long = "with", value_name = "RUN", required = true)]
     with: Vec<i64>,
     #[command(flatten)]
@@ -44,10 +44,9 @@ pub(in crate::cli) struct DriveGainsArgs {
 
 pub(in crate::cli) fn drive_gains(global: &Global, args: &DriveGainsArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
-    let load = args
-        .load
-        .given()?
-        .ok_or_else(|| CliError::Usage("which load? give --load-mass-kg and --load-centre-m".into()))?;
+    let load = args.load.given()?.ok_or_else(|| {
+        CliError::Usage("the load is missing: give --load-mass-kg and --load-centre-m".into())
+    })?;
     let load = StandardParameters::from_centre_of_mass(load.mass, &load.centre, &load.inertia);
     let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
     if let Some(run) = args.without.iter().find(|run| args.with.contains(run)) {
@@ -98,7 +97,7 @@ async fn entry_of<'c>(
         match robot {
             Some(other) if other != row.robot => {
                 return Err(CliError::Usage(format!(
-                    "run {run} is of robot {}, another of {other}: gains are those of one robot",
+                    "run {run} is of robot {}, another run of {other}: choose runs of one robot",
                     row.robot
                 )));
             }
@@ -119,18 +118,18 @@ fn is_blend(entry: &FleetEntry, gain: &JointGain) -> bool {
 
 fn reason(unseen: &Unseen) -> String {
     match unseen {
-        Unseen::NoRows => "a recording has too few rows in which the joint moves".into(),
+        Unseen::NoRows => "a recording has too few rows with motion of the joint".into(),
         Unseen::NoTorque => {
-            "the load gives this joint no torque: its axis is vertical, or the load lies on it".into()
+            "the load gives this joint no torque: its axis is vertical, or the load is on it".into()
         }
         Unseen::NotApart => {
-            "the joint moved otherwise without load than with it, so that the load's torque could be \
-                             the arm's own; record the same motion twice"
+            "the joint moved differently without and with the load, so the torque of the load cannot be \
+            separated from that of the arm; record the same motion twice"
                 .into()
         }
         Unseen::TooWeak { load_rms, residual_std, std_error } => format!(
-            "the load shows too little: {load_rms:.3} Nm rms against a residual of {residual_std:.3} Nm, standard \
-             error {:.0} % of the gain; take a heavier load on a longer lever, or more cycles",
+            "the effect of the load is too small: {load_rms:.3} Nm rms with a residual of {residual_std:.3} \
+            Nm, standard error {:.0} % of the gain; use a heavier load on a longer lever, or more cycles",
             100.0 * std_error
         ),
     }

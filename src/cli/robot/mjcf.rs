@@ -20,18 +20,18 @@ Examples:
   armwatch robot mjcf --run 3 --cycles 6-24 -o warm.xml --json
   armwatch robot mjcf --run 3 --friction-minute 0 -o cold.xml
 
-The bodies are those of `armwatch robot urdf`. armature is the rotor inertia at the joint. damping and frictionloss are the
-straight line nearest to the friction of the model over both directions up to the largest speed. The file and the table say
-at which temperature that friction was, and its largest difference from the line, in Nm (N). Motors that turn with two
-joints have no place in the file. Positions are q: recorded position plus position offset. Exit status 1 if the fit did not
-settle: nothing is written.")]
+The bodies are those of `armwatch robot urdf`. armature is the rotor inertia at the joint. damping and
+frictionloss are the straight line nearest to the friction of the model over both directions up to the largest
+speed. The file and the table have the temperature of this friction, and its largest difference from the line, in
+Nm (N). The file cannot describe motors that turn with two joints. Positions are q: recorded position plus
+position offset. Exit status 1 if the fit did not converge; nothing is then written.")]
 pub(in crate::cli) struct RobotMjcfArgs {
     #[command(flatten)]
     cycles: BodyCycles,
     /// Scale friction to this minute since the start of the recording
     #[arg(long, value_name = "MINUTE")]
     friction_minute: Option<f64>,
-    /// MuJoCo file to write; an existing one is replaced
+    /// MuJoCo file to write; an existing file is replaced
     #[arg(short, long, value_name = "FILE", value_parser = result_file())]
     output: PathBuf,
 }

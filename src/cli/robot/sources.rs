@@ -15,8 +15,8 @@ pub(super) fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robo
     let fitting = config.fleet.iter().find(|entry| model.describes(&entry.description));
     fitting.map(|entry| Arc::clone(&entry.description)).ok_or_else(|| {
         CliError::Usage(format!(
-            "no description of the configuration is that of model {}, with which the cycles were analysed; \
-             give it with --description",
+            "the configuration has no description of model {}, which was used for the analysis of the \
+            cycles; give it with --description",
             model.name
         ))
     })

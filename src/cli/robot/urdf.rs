@@ -31,15 +31,15 @@ Examples:
   armwatch robot urdf --parameters left-warm \\
       --description config/robots/er3a.toml -o left.urdf
 
-Mass, centre of mass and inertia of every link are fitted to the stored excitation rows of the chosen
-cycles such that each is a body of positive density. What torques do not show stays near the description's
-nominal inertia or, without one, near cylinders along the links; a ~ marks numbers that data do not decide.
-Motors' inertia and friction are fitted beside and are not in the inertial tags. Positions of the file are
-q: recorded position plus position offset. Exit status 1 if the fit did not settle: nothing is written.")]
+The command fits mass, centre of mass and inertia of every link to the stored excitation rows of the chosen
+cycles, such that each link is a body of positive density. Quantities that the torques do not show stay near the
+nominal inertia of the description, or near cylinders along the links if there is none; a ~ marks them. The fit
+includes motor inertia and friction, but the inertial tags do not contain them. Positions in the file are q:
+recorded position plus position offset. Exit status 1 if the fit did not converge; nothing is then written.")]
 pub(in crate::cli) struct RobotUrdfArgs {
     #[command(flatten)]
     cycles: BodyCycles,
-    /// URDF file to write; an existing one is replaced
+    /// URDF file to write; an existing file is replaced
     #[arg(short, long, value_name = "FILE", value_parser = result_file())]
     output: PathBuf,
 }
@@ -47,16 +47,16 @@ pub(in crate::cli) struct RobotUrdfArgs {
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("recordings").args(["runs", "parameters"]).required(true)))]
 pub(super) struct BodyCycles {
-    /// Run whose cycles are taken; may be given several times
+    /// Run whose cycles are used; may be repeated
     #[arg(long = "run", value_name = "RUN")]
     runs: Vec<i64>,
-    /// Saved parameter set whose cycles are taken
+    /// Saved parameter set whose cycles are used
     #[arg(long, value_name = "SET", conflicts_with_all = ["runs", "cycles"])]
     parameters: Option<String>,
     /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
     #[arg(long, value_name = "CYCLES")]
     cycles: Option<String>,
-    /// Robot description [default: the configuration's that the cycles were analysed with]
+    /// Robot description [default: the configured one, used for the analysis of the cycles]
     #[arg(long, value_name = "FILE")]
     description: Option<PathBuf>,
 }
@@ -118,8 +118,8 @@ impl Fitted {
     pub(super) fn is_settled(&self) -> bool {
         if !self.fit.estimate.settled {
             output::print_error(&format!(
-                "the fit did not settle in {} steps and nothing is written; choose more cycles, or a description \
-                 with nominal inertia",
+                "the fit did not converge in {} steps, so nothing is written; choose more cycles, or a \
+                description with nominal inertia",
                 self.fit.estimate.steps
             ));
         }
@@ -130,7 +130,7 @@ impl Fitted {
 async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliError> {
     let set = store.parameter_set(name).await?.ok_or_else(|| {
         CliError::Usage(format!(
-            "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
+            "\"{name}\" is not a saved parameter set; `armwatch identify --save {name}` creates one, --run uses a run"
         ))
     })?;
     let chosen = |source: SourceCycle| RunCycles {

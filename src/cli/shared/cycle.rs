@@ -14,7 +14,7 @@ use armwatch_simulate::plan::trajectory::{ExcitationParts, FrictionPosture};
 /// Parts of a cycle beside rest and ways home.
 #[derive(Debug, Args)]
 pub(in crate::cli) struct CycleArgs {
-    /// What the cycle has, in this order, separated by commas
+    /// Parts of the cycle in their order, separated by commas
     #[arg(
         help_heading = "Cycle",
         long,
@@ -24,20 +24,20 @@ pub(in crate::cli) struct CycleArgs {
         default_value = "series,additional,friction,warming"
     )]
     parts: Vec<CyclePart>,
-    /// Points of the part `points`: a CSV file with columns pos_1, pos_2, .. in rad (m) or named pos_1_deg, pos_1_mm
-    /// [default: drawn ones]
+    /// Points of the part `points`: a CSV file with columns pos_1, pos_2, .. in rad (m) or pos_1_deg, pos_1_mm
+    /// [default: random points]
     #[arg(help_heading = "Cycle", long, value_name = "FILE")]
     points: Option<PathBuf>,
-    /// How many points are drawn where no file gives them
+    /// Number of random points without a file of points
     #[arg(help_heading = "Cycle", long, default_value_t = 10, value_name = "N", conflicts_with = "points", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     point_count: u32,
     /// Dead time at each point, s
     #[arg(help_heading = "Cycle", long, default_value_t = 0.5, value_name = "S")]
     dead_s: f64,
-    /// Posture of the joints that hold still while one is tested for friction
+    /// Posture of the other joints while one joint is tested for friction
     #[arg(help_heading = "Cycle", long, value_enum, default_value = "home")]
     friction_posture: FrictionPostureArg,
-    /// Rest at the end of the cycle, beyond the usual 0.6 s, s
+    /// Additional rest at the end of the cycle, after the usual 0.6 s, s
     #[arg(help_heading = "Cycle", long, default_value_t = 0.0, value_name = "S")]
     rest_s: f64,
 }
@@ -50,17 +50,17 @@ enum CyclePart {
     Additional,
     /// Excitation: from point to point, with a dead time at each
     Points,
-    /// Each joint alone through its speed levels
+    /// Friction: each joint alone through its speed levels
     Friction,
-    /// All joints together, to warm up
+    /// Warming: all joints together, to heat the arm
     Warming,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FrictionPostureArg {
-    /// That of the start of the cycle
+    /// Posture at the start of the cycle
     Home,
-    /// The nearest in which gravity on the joint stays as it is; home where the arm has none
+    /// Nearest posture with constant gravity on the tested joint; home if there is none
     Still,
 }
 
@@ -71,7 +71,7 @@ impl CycleArgs {
             (true, Some(path)) => Some(Points::Given(points(path, robot)?)),
             (true, None) => Some(Points::Drawn(self.point_count)),
             (false, Some(_)) => {
-                return Err(CliError::Usage("--points goes with the part points of --parts".into()));
+                return Err(CliError::Usage("--points requires the part points in --parts".into()));
             }
             (false, None) => None,
         };
@@ -128,7 +128,7 @@ fn points(path: &Path, robot: &Robot) -> Result<Vec<Vec<f64>>, CliError> {
             let cell = record.get(column.index).unwrap_or_default();
             let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
             value.map(|value| value * column.factor).ok_or_else(|| {
-                fault(format!("line {line}, column {}: \"{cell}\" is no number", header[column.index]))
+                fault(format!("line {line}, column {}: \"{cell}\" is not a number", header[column.index]))
             })
         });
         points.push(point.collect::<Result<_, _>>()?);

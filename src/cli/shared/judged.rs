@@ -23,9 +23,9 @@ impl ConclusionTiming {
 
     pub(in crate::cli) fn words(&self) -> String {
         match self {
-            Self::Now => "; the history is judged with it".into(),
-            Self::ByDaemon => "; the running daemon judges the history with it within a minute".into(),
-            Self::Failed(reason) => format!("; the history could not be judged with it: {reason}"),
+            Self::Now => "; the history was evaluated with it".into(),
+            Self::ByDaemon => "; the running daemon evaluates the history with it within a minute".into(),
+            Self::Failed(reason) => format!("; the history could not be evaluated with it: {reason}"),
         }
     }
 }

@@ -14,7 +14,7 @@ pub(in crate::cli) struct LoadArgs {
     /// Mass of the load at the tool frame, kg
     #[arg(help_heading = "Load", long, value_name = "KG", requires = "load_centre_m")]
     load_mass_kg: Option<f64>,
-    /// Its centre of mass in the tool frame (without a tool, the last joint's frame), m
+    /// Centre of mass of the load in the tool frame (without a tool, in the frame of the last joint), m
     #[arg(
         help_heading = "Load",
         long,
@@ -23,7 +23,7 @@ pub(in crate::cli) struct LoadArgs {
         requires = "load_mass_kg"
     )]
     load_centre_m: Option<String>,
-    /// Its inertia about its centre of mass, axes of the tool frame, kg m² [default: a point mass]
+    /// Inertia of the load about its centre of mass, axes of the tool frame, kg m² [default: a point mass]
     #[arg(
         help_heading = "Load",
         long,
@@ -64,8 +64,9 @@ impl LoadArgs {
         let smallest = second.symmetric_eigenvalues().min();
         if smallest < -1e-9 * inertia.norm() {
             return Err(CliError::Usage(
-                "--load-inertia-kg-m2: no body has this inertia about its centre of mass; the sum of any two principal \
-                 moments is at least the third, and products of inertia are entries of the matrix"
+                "--load-inertia-kg-m2: no body has this inertia about its centre of mass; the sum of any \
+                two principal moments must be at least the third, and products of inertia are entries of \
+                the matrix"
                     .into(),
             ));
         }

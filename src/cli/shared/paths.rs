@@ -13,7 +13,7 @@ pub(in crate::cli) fn metadata(path: &Path) -> Result<Metadata, CliError> {
         CliError::Usage(match error.kind() {
             ErrorKind::NotFound => format!("{shown}: there is no such file or folder; check the name"),
             ErrorKind::PermissionDenied => {
-                format!("{shown}: may not be looked at by this user; ask for permission to read it")
+                format!("{shown}: this user may not read it; ask for permission to read it")
             }
             _ => format!("{shown}: {error}"),
         })
@@ -35,16 +35,16 @@ pub(in crate::cli) fn not_written(path: &Path, error: &Error) -> CliError {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
             "free space there, or name a place on another disk"
         }
-        ErrorKind::FileTooLarge => "name a place on a disk that takes larger files",
+        ErrorKind::FileTooLarge => "name a place on a disk that allows larger files",
         ErrorKind::PermissionDenied => {
             "name a folder that this user may write to, or ask for permission to write there"
         }
         ErrorKind::ReadOnlyFilesystem => "name a place on a disk that is not read-only",
-        ErrorKind::NotFound => "name a place in a folder that is there",
+        ErrorKind::NotFound => "name a place in an existing folder",
         ErrorKind::NotADirectory | ErrorKind::AlreadyExists => {
-            "a file lies where a folder is needed; name another folder"
+            "there is a file instead of a folder; name another folder"
         }
-        ErrorKind::IsADirectory => "a folder lies there; name a file",
+        ErrorKind::IsADirectory => "this is a folder; name a file",
         _ => "check the disk, or name another place",
     };
     CliError::Io(format!("cannot write {}: {error}; {remedy}", path.display()))
@@ -62,9 +62,9 @@ mod tests {
             (28, "free space there"),
             (13, "ask for permission to write there"),
             (30, "not read-only"),
-            (2, "a folder that is there"),
-            (20, "a file lies where a folder is needed"),
-            (21, "a folder lies there; name a file"),
+            (2, "an existing folder"),
+            (20, "there is a file instead of a folder"),
+            (21, "this is a folder; name a file"),
             (5, "check the disk"),
         ] {
             let error = not_written(Path::new("a/r.html"), &Error::from_raw_os_error(number));

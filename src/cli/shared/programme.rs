@@ -27,7 +27,7 @@ pub fn read(path: &Path) -> Result<String, CliError> {
     let bytes = std::fs::read(path).map_err(|error| not_read(path, &error))?;
     String::from_utf8(bytes).map_err(|error| {
         CliError::Usage(format!(
-            "{}: is no UTF-8 text from byte {} on; name another file, or save it as UTF-8",
+            "{}: is not UTF-8 text from byte {}; name another file, or save it as UTF-8",
             path.display(),
             error.utf8_error().valid_up_to()
         ))

@@ -57,13 +57,11 @@ pub(in crate::cli) fn objection(path: &Path) -> Option<String> {
         }
         Ok(Some(begin)) if is_result(&begin) => None,
         Ok(Some(_)) => Some(
-            "it is no earlier result of this program, and such a file is never written to; name another file, or \
-             remove this one first"
+            "it is not an earlier result of this program, so it is not replaced; name another file, or \
+            delete this one first"
                 .into(),
         ),
-        Err(error) => Some(format!(
-            "what lies there cannot be looked at ({error}), so it is left as it is; name another file"
-        )),
+        Err(error) => Some(format!("it cannot be read ({error}), so it is not changed; name another file")),
     }
 }
 
@@ -85,7 +83,7 @@ fn refuse_other(path: &Path) -> Result<(), CliError> {
 pub(in crate::cli) fn refuse_database(path: &Path) -> Result<(), CliError> {
     if database_beside(path).is_some() || is_database(path) {
         return Err(CliError::Usage(format!(
-            "{} is a database or belongs to one, which is never written over; name another file",
+            "{} is a database or belongs to one, so it is not replaced; name another file",
             path.display()
         )));
     }
@@ -105,7 +103,7 @@ pub(in crate::cli) fn refuse_source(
     let number = |path: &Path| std::fs::metadata(path).ok().map(|metadata| id_of(&metadata));
     match (number(target), number(source)) {
         (Some(of_target), Some(of_source)) if of_target == of_source => Err(CliError::Usage(format!(
-            "{} is {what}, which is never written to; name another file",
+            "{} is {what}, so it is not written to; name another file",
             target.display()
         ))),
         _ => Ok(()),
@@ -271,7 +269,7 @@ mod tests {
         for name in ["a.json", "./a.json", "hard.json", "soft.json"] {
             let error = refused(name).expect_err("refused");
             assert!(
-                error.to_string().contains("is the programme itself, which is never written to"),
+                error.to_string().contains("is the programme itself, so it is not written to"),
                 "{error}"
             );
         }

@@ -13,7 +13,7 @@ const DIGITS: usize = 6;
 /// How rows are printed.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct RowArgs {
-    /// Print rows as CSV, with every digit
+    /// Print rows as CSV, with all digits
     #[arg(long, conflicts_with = "json")]
     csv: bool,
 }

@@ -3,7 +3,7 @@
 /// Reads a text, without surrounding spaces; an empty one is refused.
 pub(in crate::cli) fn said(text: &str) -> Result<String, String> {
     match text.trim() {
-        "" => Err("it is empty; write it for those who read the history later".to_owned()),
+        "" => Err("it is empty; write a text for later readers of the history".to_owned()),
         words => Ok(words.to_owned()),
     }
 }

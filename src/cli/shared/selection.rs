@@ -29,10 +29,10 @@ impl From<StoredError> for CliError {
 /// Reports excluded cycles of the chosen runs and those that are included despite a finding, with reasons.
 pub(in crate::cli) fn note_cycles(passed_over: &[NotedCycle], in_spite: &[NotedCycle]) {
     if !in_spite.is_empty() {
-        output::print_hint(&format!("taken in spite of findings: {}", told(in_spite)));
+        output::print_hint(&format!("used in spite of findings: {}", told(in_spite)));
     }
     if !passed_over.is_empty() {
-        output::print_hint(&format!("passed over: {}", told(passed_over)));
+        output::print_hint(&format!("skipped: {}", told(passed_over)));
     }
 }
 
@@ -43,10 +43,12 @@ pub(in crate::cli) fn cycle_numbers(text: &str) -> Result<Vec<u32>, String> {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
         let number = |text: &str| text.trim().parse::<u32>().ok().filter(|n| *n >= 1);
         let (Some(first), Some(last)) = (number(first), number(last)) else {
-            return Err(format!("\"{part}\" is no cycle; write numbers from 1 and ranges, such as 3,10-15"));
+            return Err(format!(
+                "\"{part}\" is not a cycle; write numbers from 1 and ranges, such as 3,10-15"
+            ));
         };
         if first > last || last - first >= MAX_CYCLES {
-            return Err(format!("\"{part}\" is no range of cycles up to {MAX_CYCLES} long; write 6-24"));
+            return Err(format!("\"{part}\" is not a range of at most {MAX_CYCLES} cycles; write 6-24"));
         }
         numbers.extend(first..=last);
     }
@@ -128,8 +130,8 @@ pub(in crate::cli) async fn find_set(
     }
     store.parameter_set(word).await?.ok_or_else(|| {
         CliError::Usage(format!(
-            "\"{word}\" is neither a run, nor RUN:CYCLES, nor a saved parameter set; \
-             `armwatch identify --save {word}` makes one"
+            "\"{word}\" is neither a run, nor RUN:CYCLES, nor a saved parameter set; `armwatch identify \
+            --save {word}` creates one"
         ))
     })
 }
@@ -147,7 +149,7 @@ async fn identified(
     let unshown: Vec<String> = unshown.map(|of| of.id.to_string()).collect();
     if !unshown.is_empty() {
         output::print_hint(&format!(
-            "the motion of run {run_id} does not show {} on their own: torque of other motion is not predicted",
+            "the motion of run {run_id} does not show {} separately: the torque of other motion is not predicted",
             unshown.join(", ")
         ));
     }

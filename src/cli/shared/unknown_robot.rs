@@ -39,7 +39,7 @@ async fn robots(store: &Store) -> Result<Vec<String>, CliError> {
 fn in_words(name: &str, known: &[String]) -> String {
     if known.is_empty() {
         return format!(
-            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` takes an export"
+            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` reads an export"
         );
     }
     let distance = |robot: &String| strsim::osa_distance(&robot.to_lowercase(), &name.to_lowercase());
@@ -72,7 +72,7 @@ mod tests {
         );
         assert!(in_words("Lfet", &known).contains("did you mean Left?"));
         assert_eq!(in_words("Nope", &known), "there is no robot Nope; there are runs of Left, Middle, Right");
-        assert!(in_words("Left", &[]).ends_with("`armwatch ingest FILE` takes an export"));
+        assert!(in_words("Left", &[]).ends_with("`armwatch ingest FILE` reads an export"));
         let many: Vec<String> = (0..20).map(|number| format!("R{number:02}")).collect();
         assert!(in_words("Nope", &many).ends_with("R11 and 8 more, which `armwatch robots` lists"));
     }

@@ -15,75 +15,76 @@ const BODIES_OF_FRICTION: f64 = 0.05;
 
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ArmOptions {
-    /// How far joints at constant speed are behind their plan, s, such as 0.02: a critically damped servo of second order
+    /// Lag of joints at constant speed behind their plan, s, such as 0.02: a critically damped servo of second order
     #[arg(help_heading = "Controller", long, default_value_t = 0.0, value_name = "S")]
     following_lag_s: f64,
-    /// Time from plan and stage signals to the motion, s, such as 0.008
+    /// Delay from plan and stage signals to the motion, s, such as 0.008
     #[arg(help_heading = "Controller", long, default_value_t = 0.0, value_name = "S")]
     command_delay_s: f64,
     /// Standard deviation of position signals, rad (m) [default: 2e-5]
     #[arg(help_heading = "Signals", long, value_name = "RAD")]
     position_noise: Option<f64>,
-    /// Step of position signals, rad (m); 0 for none [default: 5e-6]
+    /// Resolution of position signals, rad (m); 0 for none [default: 5e-6]
     #[arg(help_heading = "Signals", long, value_name = "RAD")]
     position_step: Option<f64>,
     /// Standard deviation of velocity signals, rad/s (m/s) [default: 2e-3]
     #[arg(help_heading = "Signals", long, value_name = "RAD_S")]
     velocity_noise: Option<f64>,
-    /// Step of velocity signals, rad/s (m/s); 0 for none [default: 5e-4]
+    /// Resolution of velocity signals, rad/s (m/s); 0 for none [default: 5e-4]
     #[arg(help_heading = "Signals", long, value_name = "RAD_S")]
     velocity_step: Option<f64>,
-    /// Step of torque signals, Nm (N); 0 for none
+    /// Resolution of torque signals, Nm (N); 0 for none
     #[arg(help_heading = "Signals", long, default_value_t = 0.0, value_name = "NM")]
     torque_step: f64,
-    /// Correlation of the torque signals' noise from row to row, 0 to below 1: an autoregression of first order; 0 is white
+    /// Correlation of the torque noise from row to row, 0 to below 1: an autoregression of first order; 0 is white
     /// noise
-    #[arg(help_heading = "Signals", long, default_value_t = 0.0, value_name = "PART")]
+    #[arg(help_heading = "Signals", long, default_value_t = 0.0, value_name = "FRACTION")]
     torque_noise_correlation: f64,
-    /// A hum of the torque signals: frequency, Hz, and amplitude, Nm (N), such as 50=0.2; each joint has its own phase. Above
-    /// half of --rate-hz it appears at another frequency
+    /// Hum of the torque signals: frequency, Hz, and amplitude, Nm (N), such as 50=0.2; each joint has its own phase.
+    /// A frequency above half of --rate-hz appears as a lower one
     #[arg(help_heading = "Signals", long, value_name = "HZ=NM", value_parser = pair)]
     torque_hum: Option<[f64; 2]>,
-    /// Ripples of the torque in place of those of the friction shape: waves a turn of the motor and amplitude as a part of
-    /// the Coulomb friction, such as 1=0.03,2=0.05; four at most, none for no ripple
-    #[arg(help_heading = "Friction", long, value_name = "ORDER=PART", value_parser = ripples)]
+    /// Ripples of the torque, instead of those of the friction shape: waves per turn of the motor and amplitude as a
+    /// fraction of the Coulomb friction, such as 1=0.03,2=0.05; at most four; none for no ripple
+    #[arg(help_heading = "Friction", long, value_name = "ORDER=FRACTION", value_parser = ripples)]
     ripple: Option<Ripples>,
-    /// Part by which friction is larger in a joint's positive direction and smaller in its negative one, such as 0.1
+    /// Fraction by which friction is larger in a joint's positive direction and smaller in its negative direction,
+    /// such as 0.1
     #[arg(
         help_heading = "Friction",
         long,
         default_value_t = 0.0,
         allow_hyphen_values = true,
-        value_name = "PART"
+        value_name = "FRACTION"
     )]
     friction_direction: f64,
-    /// Friction for each Nm (N) that a gear carries, such as 0.03
-    #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
+    /// Friction per Nm (N) of gear load, such as 0.03
+    #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "FRACTION")]
     friction_load: f64,
-    /// Part of its power that a gear transmits to the load at speed, 0.5 to 1, such as 0.93; it transmits less at low speed
-    #[arg(help_heading = "Friction", long, default_value_t = 1.0, value_name = "PART")]
+    /// Fraction of its power that a gear transmits to the load at speed, 0.5 to 1, such as 0.93; smaller at low speed
+    #[arg(help_heading = "Friction", long, default_value_t = 1.0, value_name = "FRACTION")]
     gear_efficiency: f64,
     /// Standard deviation of each joint's friction from run to run, such as 0.015
-    #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
+    #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "FRACTION")]
     friction_day: f64,
-    /// Gears warm by the power that friction takes, and cool at rest, instead of by the time since the cold start
+    /// Heat gears by the power of friction and cool them at rest, instead of by the time since the cold start
     #[arg(help_heading = "Friction", long)]
     heating_by_work: bool,
-    /// Robots of the same model, named on from --name, each a unit of its own
+    /// Number of robots of the same model, with consecutive names from --name and individual differences
     #[arg(help_heading = "Fleet", long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub(super) robots: u32,
-    /// How far units differ in friction, warm-up and noise: standard deviation of their logarithms, 0.2 is about 20 %; in
-    /// masses and inertias by a twentieth of it
-    #[arg(help_heading = "Fleet", long, default_value_t = 0.0, value_name = "PART")]
+    /// Differences between robots in friction, warm-up and noise: standard deviation of the logarithms, 0.2 is about
+    /// 20 %. Masses and inertias differ by a twentieth of it
+    #[arg(help_heading = "Fleet", long, default_value_t = 0.0, value_name = "FRACTION")]
     unit_spread: f64,
-    /// Amplitude of the hall's temperature over the year, K; it is warmest in mid July
+    /// Amplitude of the ambient temperature over the year, K; the maximum is in mid July
     #[arg(help_heading = "Temperatures", long, default_value_t = 0.0, value_name = "K")]
     season_k: f64,
-    /// Amplitude of the hall's temperature over the day, K; it is warmest at 15:00 UTC
+    /// Amplitude of the ambient temperature over the day, K; the maximum is at 15:00 UTC
     #[arg(help_heading = "Temperatures", long, default_value_t = 0.0, value_name = "K")]
     day_k: f64,
-    /// Shifts in which the arm works beside its tests, in hours UTC, such as 6-14,14-22: a test within a shift is as warm as
-    /// the time since its start makes it, others are cold
+    /// Shifts of production in addition to the tests, in hours UTC, such as 6-14,14-22. A test within a shift is as
+    /// warm as the time since the start of the shift makes it; other tests are cold
     #[arg(
         help_heading = "Temperatures",
         long,
@@ -93,7 +94,7 @@ pub(in crate::cli) struct ArmOptions {
         conflicts_with = "initial_warm_s"
     )]
     shifts: Vec<[f64; 2]>,
-    /// Days of the week with shifts, from Monday on
+    /// Number of days per week with shifts, from Monday
     #[arg(help_heading = "Temperatures", long, default_value_t = 7, value_name = "DAYS", value_parser = clap::value_parser!(i8).range(1..=7), requires = "shifts")]
     work_days: i8,
 }
@@ -144,7 +145,7 @@ impl ArmOptions {
         let number: u32 = match digits {
             "" => 1,
             _ => digits.parse().map_err(|_| {
-                CliError::Usage(format!("--name {first}: its number is too large to count on from"))
+                CliError::Usage(format!("--name {first}: its number is too large for further names"))
             })?,
         };
         let width = if digits.is_empty() { 2 } else { digits.len() };
@@ -174,7 +175,7 @@ fn ripples(text: &str) -> Result<Ripples, String> {
     };
     let orders: Option<Vec<RippleOrder>> = text.split(',').map(order).collect();
     orders.map(Ripples).ok_or_else(|| {
-        "waves a turn of the motor and a part of the Coulomb friction, such as 1=0.03,2=0.05, or none".into()
+        "waves per turn of the motor and a fraction of the Coulomb friction, such as 1=0.03,2=0.05, or none".into()
     })
 }
 

@@ -63,61 +63,63 @@ Examples:
   armwatch simulate -o exports --robots 20 --unit-spread 0.2 --runs 52 \\
       --interval-h 168 --season-k 6 --day-k 2 --shifts 6-14,14-22
 
-Faults, each with from= (first run) and perhaps to= (last run):
-  wear:joint=,rate=[,cap=][,part=]  friction grows by a fraction a run; part:
+Faults, each with from= (first run) and optionally to= (last run):
+  wear:joint=,rate=[,cap=][,part=]  friction grows by a fraction per run; part:
                                all, coulomb, viscous, linear (f1, f2), load
-  step:joint=,size=[,cycle=]   friction grows at once
+  step:joint=,size=[,cycle=]   friction grows suddenly
   jitter:joint=,size=          friction varies from cycle to cycle
   warm-up:[joint=,]factor=     slow time constant of the warm-up
   load:kg=[,centre=X/Y/Z]      a point mass at the tool frame
-  offset:joint=,nm=            of the torque signal
-  gain:joint=,size=            of the torque signal, a fraction
-  noise:joint=,factor=         of the torque signal
+  offset:joint=,nm=            offset of the torque signal
+  gain:joint=,size=            gain error of the torque signal, a fraction
+  noise:joint=,factor=         noise of the torque signal
   zero:joint=,rad=             offset of the position signal
-  saturation:joint=,nm=        of the torque signal
+  saturation:joint=,nm=        limit of the torque signal
   delay:joint=,s=              the torque signal is late
   stuck:joint=                 the torque signal keeps its value
   backlash:joint=,rad=         play in the gear
   contact:joint=,nm=[,cycle=]  a push from outside
 
-Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
-the parameters, friction and faults behind the numbers. The same seed gives the same bytes. Exports of the same
-names are replaced.")]
+Each run is one export in the native layout or the given one. The truth file NAME.truth.json next to it has the
+simulated parameters, friction and faults. The same seed gives the same bytes. Existing exports of the same names
+are replaced.")]
 pub(in crate::cli) struct SimulateArgs {
-    /// Folder for exports and truth files; made if missing
+    /// Folder for exports and truth files; created if missing
     #[arg(help_heading = "Exports", short, long, value_name = "DIR")]
     output: PathBuf,
     /// Robot description with nominal parameters [default: the shipped ER3A]
     #[arg(help_heading = "Arm and faults", long, value_name = "FILE")]
     robot: Option<PathBuf>,
-    /// Programme of `armwatch trajectory design`, driven in place of the description's excitation
+    /// Programme of `armwatch trajectory design`, instead of the excitation of the description
     #[arg(help_heading = "Recording", long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
-    /// Stiffness of gears that bend, Nm/rad (N/m), such as 1=20000,3=15000: motors are measured, links move as planned
+    /// Stiffness of elastic gears, Nm/rad (N/m), such as 1=20000,3=15000: the export has motor positions, links move
+    /// as planned
     #[arg(help_heading = "Arm and faults", long, value_name = "JOINT=STIFFNESS", value_delimiter = ',', value_parser = stiffness)]
     stiffness: Vec<(JointIndex, f64)>,
-    /// Name of the individual robot; begins the file names
+    /// Name of the robot, and prefix of the file names
     #[arg(help_heading = "Exports", long, default_value = "R01")]
     name: String,
-    /// Everything random follows from it
+    /// Seed of all random numbers
     #[arg(help_heading = "Exports", long, default_value_t = 1)]
     seed: u64,
-    /// Number of runs, one export each
+    /// Number of runs, with one export each
     #[arg(help_heading = "Exports", long, default_value_t = 1)]
     runs: u32,
-    /// Cycles of a run [default: 5, with --full-test 24]
+    /// Cycles per run [default: 5, with --full-test 24]
     #[arg(help_heading = "Recording", long)]
     cycles: Option<u32>,
-    /// Rows a second, Hz [default: 50, with --full-test 250]
+    /// Rows per second, Hz [default: 50, with --full-test 250]
     #[arg(help_heading = "Recording", long, value_name = "HZ")]
     rate_hz: Option<f64>,
     /// Duration of each warming stage, s [default: 20, with --full-test 180]
     #[arg(help_heading = "Recording", long, value_name = "S")]
     warming_s: Option<f64>,
-    /// Speed levels of the friction stage, such as 2,4,6; none for no such stage [default: all of the description]
+    /// Speed levels of the friction stage, such as 2,4,6; none for no friction stage [default: all of the
+    /// description]
     #[arg(help_heading = "Recording", long, value_name = "LEVELS")]
     levels: Option<Levels>,
-    /// The whole two-hour test: 24 cycles at 250 Hz with 180 s of warming
+    /// Simulate the whole two-hour test: 24 cycles at 250 Hz with 180 s of warming
     #[arg(help_heading = "Recording", long)]
     full_test: bool,
     /// Start of the first run, UTC, RFC 3339
@@ -126,11 +128,11 @@ pub(in crate::cli) struct SimulateArgs {
     /// Time from the start of a run to the start of the next, h
     #[arg(help_heading = "Exports", long, default_value_t = 24.0, value_name = "H")]
     interval_h: f64,
-    /// Fault to develop, such as wear:joint=3,from=6,rate=0.03 (friction of joint 3 grows by 3 % of
-    /// its healthy value a run from run 6 on); may be repeated
+    /// Fault to simulate, such as wear:joint=3,from=6,rate=0.03 (from run 6, friction of joint 3 grows by 3 % of its
+    /// healthy value per run); may be repeated
     #[arg(help_heading = "Arm and faults", long = "fault", value_name = "FAULT")]
     faults: Vec<Fault>,
-    /// Standard deviation of the hall's temperature from run to run, K
+    /// Standard deviation of the ambient temperature from run to run, K
     #[arg(help_heading = "Temperatures", long, default_value_t = 1.0, value_name = "K")]
     ambient_std_k: f64,
     /// Time between the cold start and the first row, s
@@ -139,21 +141,22 @@ pub(in crate::cli) struct SimulateArgs {
     /// Write .csv.gz instead of .csv
     #[arg(help_heading = "Exports", long)]
     gzip: bool,
-    /// Layout of the exports: its columns, units, signs and side of the gears, every digit written
-    /// [default: native, rounded as a controller does]
+    /// Layout of the exports: columns, units, signs and side of the gears, with all digits [default: native, rounded
+    /// as by a controller]
     #[arg(help_heading = "Recording", long, value_name = "FILE")]
     layout: Option<PathBuf>,
-    /// Write rows as a controller records them, so many times as fast as the clock; the export grows under its own name
+    /// Write rows while the time passes, like a controller, at this multiple of real time; the export grows under its
+    /// final name
     #[arg(help_heading = "Recording", long, value_name = "SPEED", value_parser = speed, conflicts_with = "gzip")]
     real_time: Option<f64>,
-    /// How the export tells its stages; other columns as in the native layout, every digit written
+    /// Stage signal of the export; the other columns are those of the native layout, with all digits
     #[arg(help_heading = "Recording", long, value_enum, conflicts_with = "layout")]
     stage_signal: Option<StageSignalArg>,
-    /// Friction is exactly f1 to f4 of the description, always warm: no bump at low speed, no ripple, no
+    /// Simulate friction exactly as f1 to f4 of the description, always warm: no bump at low speed, no ripple, no
     /// warm-up. The true base parameters are then those of the description
     #[arg(help_heading = "Arm and faults", long)]
     plain_friction: bool,
-    /// How friction turns over where a motion turns round, and breaks away
+    /// Shape of friction at reversal and breakaway
     #[arg(
         help_heading = "Arm and faults",
         long,
@@ -162,13 +165,13 @@ pub(in crate::cli) struct SimulateArgs {
         conflicts_with = "plain_friction"
     )]
     friction_shape: FrictionShapeArg,
-    /// How the instants of rows follow each other; the mean step stays that of the rate
+    /// Intervals between rows; their mean is always that of the rate
     #[arg(help_heading = "Recording", long, value_enum, default_value = "even")]
     clock: ClockArg,
-    /// Record temperatures as drives do: of each motor, of the hall, or both
+    /// Record temperatures like a drive: of each motor, ambient, or both
     #[arg(help_heading = "Temperatures", long, value_enum, value_name = "WHICH", num_args = 0..=1, default_missing_value = "both")]
     temperatures: Option<TemperaturesArg>,
-    /// Step of recorded temperatures, K
+    /// Resolution of recorded temperatures, K
     #[arg(
         help_heading = "Temperatures",
         long,
@@ -177,7 +180,7 @@ pub(in crate::cli) struct SimulateArgs {
         requires = "temperatures"
     )]
     temperature_step_k: f64,
-    /// How far a motor's temperature is behind that of its housing, s
+    /// Lag of the motor temperature behind the housing temperature, s
     #[arg(
         help_heading = "Temperatures",
         long,
@@ -192,18 +195,18 @@ pub(in crate::cli) struct SimulateArgs {
     arm: ArmOptions,
     #[command(flatten)]
     load: LoadArgs,
-    /// Folder for truth files, instead of beside the exports
+    /// Folder for truth files [default: next to the exports]
     #[arg(help_heading = "Exports", long, value_name = "DIR")]
     truth: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum TemperaturesArg {
-    /// Of each joint's motor
+    /// Motor of each joint
     Motor,
-    /// Of the hall
+    /// Ambient
     Ambient,
-    /// Of motors and hall
+    /// Motors and ambient
     Both,
 }
 
@@ -211,25 +214,25 @@ enum TemperaturesArg {
 enum FrictionShapeArg {
     /// Smooth within a few mrad/s, with a bump at low speed and a ripple
     Gearbox,
-    /// A jump with the sign of the speed
+    /// Jumps with the sign of the speed
     Sign,
     /// Smooth within a few hundredths of a rad/s
     Smooth,
-    /// As smooth; the last joint within some tenths of a rad/s
+    /// Like smooth, but the last joint within some tenths of a rad/s
     LateTurnOver,
-    /// A breakaway torque of one and a half times the Coulomb torque
+    /// Breakaway torque of 1.5 times the Coulomb torque
     Stiction,
-    /// Turns over along a travel of 2 mrad instead of a speed
+    /// Reverses over a travel of 2 mrad instead of over a speed
     Presliding,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum ClockArg {
-    /// Every step alike
+    /// Equal steps
     Even,
-    /// Steps of 10 and 12 ms in turn at 91 Hz, as many loggers have
+    /// Alternating steps of 10 and 12 ms at 91 Hz, like many loggers
     Alternating,
-    /// Each instant off by a tenth of the step
+    /// Random deviations of a tenth of the step
     Jittering,
 }
 
@@ -240,7 +243,7 @@ const JITTER_STEPS: f64 = 0.1;
 
 fn speed(text: &str) -> Result<f64, String> {
     let speed = text.parse().ok().filter(|speed: &f64| *speed > 0.0 && speed.is_finite());
-    speed.ok_or_else(|| "above 0, such as 1 for the speed of the clock".into())
+    speed.ok_or_else(|| "above 0, such as 1 for real time".into())
 }
 
 fn stiffness(text: &str) -> Result<(JointIndex, f64), String> {
@@ -301,7 +304,7 @@ fn unseen(fault: &Fault, runs: u32, cycles: u32) -> Option<String> {
         }
         _ => return None,
     };
-    Some(format!("--fault {fault} is in no export: it {why}; give {remedy}"))
+    Some(format!("--fault {fault} affects no export: it {why}; give {remedy}"))
 }
 
 fn are(count: u32, noun: &str) -> String {
@@ -434,7 +437,7 @@ mod tests {
         assert_eq!(
             told(wear, 1, 5).as_deref(),
             Some(
-                "--fault wear:joint=1,from=6,rate=0.1,cap=1 is in no export: it begins with run 6, and there is 1 run; give \
+                "--fault wear:joint=1,from=6,rate=0.1,cap=1 affects no export: it begins with run 6, and there is 1 run; give \
                  more --runs, or an earlier from="
             )
         );

@@ -66,7 +66,7 @@ fn refuse_text(layout: &Layout) -> Result<(), CliError> {
         return Ok(());
     }
     Err(CliError::Usage(format!(
-        "layout \"{}\" has another encoding, decimal commas or skipped lines, which the simulator does not write",
+        "layout \"{}\" has another encoding, decimal commas or skipped lines, which the simulator does not support",
         layout.name
     )))
 }
@@ -95,7 +95,7 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, ColumnContent)>,
         }
         TimeSource::Text { .. } => {
             return Err(CliError::Usage(format!(
-                "layout \"{}\" has times as text, which the simulator does not write",
+                "layout \"{}\" has times as text, which the simulator does not support",
                 layout.name
             )));
         }

@@ -59,10 +59,13 @@ fn start_of_run(settings: &SimulationSettings, run_index: u32) -> Result<Timesta
     start.filter(is_taken).ok_or_else(|| {
         let (from, to) = (*YEARS.start(), *YEARS.end());
         CliError::Usage(match run_index {
-            0 => format!("--start {first_start}: exports of the years {from} to {to} are taken; choose a start in them"),
+            0 => format!(
+                "--start {first_start}: exports of the years {from} to {to} are accepted; choose a \
+                start in these years"
+            ),
             _ => format!(
-                "run {} would not begin in the years {from} to {to}, of which exports are taken; choose an earlier --start, \
-                 a shorter --interval-h or fewer --runs",
+                "run {} would not begin in the years {from} to {to}, which are accepted for exports; choose \
+                an earlier --start, a shorter --interval-h or fewer --runs",
                 u64::from(run_index) + 1
             ),
         })

@@ -14,11 +14,11 @@ pub(in crate::cli) enum StageSignalArg {
     Integer,
     /// Words in the column stage: IDLE, EXC, FRIC, WARM
     Text,
-    /// A column of 0 and 1 for each stage: exc, fric, warm
+    /// One column of 0 and 1 per stage: exc, fric, warm
     OneHot,
     /// Volts with noise and spikes in the column stage: 0, 2.5, 5, 7.5
     Analogue,
-    /// Nothing: neither stage nor cycle, joint or level
+    /// No signal: no columns for stage, cycle, joint and level
     None,
 }
 

@@ -18,24 +18,24 @@ const DURATIONS_S: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0];
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct BesideArgs {
-    /// Find the shortest motion that shows what this recording of ordinary work does not: its run
-    #[arg(help_heading = "Beside ordinary work", long, value_name = "RUN")]
+    /// Run of a production log: find the shortest motion that shows the parameters that this log does not show
+    #[arg(help_heading = "Addition to production", long, value_name = "RUN")]
     beside_run: Option<i64>,
-    /// So much of that recording's motion counts as known, s
+    /// Duration of that log's motion that counts as known, s
     #[arg(
-        help_heading = "Beside ordinary work",
+        help_heading = "Addition to production",
         long,
         default_value_t = 60.0,
         value_name = "S",
         requires = "beside_run"
     )]
     beside_s: f64,
-    /// Standard deviation that every parameter comes to at most, as a part of its nominal size
+    /// Largest allowed standard deviation of every parameter, as a fraction of its nominal size
     #[arg(
-        help_heading = "Beside ordinary work",
+        help_heading = "Addition to production",
         long,
         default_value_t = 0.1,
-        value_name = "PART",
+        value_name = "FRACTION",
         requires = "beside_run"
     )]
     precision: f64,
@@ -88,8 +88,7 @@ impl BesideArgs {
         };
         if robot.joints.iter().any(|joint| joint.nominal.is_none()) {
             return Err(CliError::Usage(
-                "--beside-run needs nominal parameters of all joints, with which precision is compared"
-                    .into(),
+                "--beside-run needs nominal parameters of all joints, as the reference of precision".into(),
             ));
         }
         let config = global.read_config()?;
@@ -167,20 +166,22 @@ impl ProductionPrecision {
             .collect();
         output::line("");
         output::line(&format!(
-            "Standard deviations as parts of nominal sizes, of {} s of run {} and with the addition of {seconds} s",
+            "Standard deviations as fractions of nominal sizes, for {} s of run {} and with the addition of \
+            {seconds} s",
             self.seconds, self.run
         ));
-        output::print_table(&["parameter", "ordinary work alone", "with the addition"], &rows, &[]);
+        output::print_table(&["parameter", "production only", "with the addition"], &rows, &[]);
         let (missed, all) = (self.missed(precision), self.sizes.len());
         let before = all - self.precise(&precision.alone);
         output::line(&match missed {
             0 => format!(
-                "{before} of {all} parameters are not known to {:.3} % from ordinary work; with {seconds} s more, all are",
+                "{before} of {all} parameters are not known to {:.3} % from production; with {seconds} s \
+                more, all are",
                 100.0 * self.precision
             ),
             _ => format!(
-                "{missed} of {all} parameters are not known to {:.3} % with {seconds} s more either; allow a longer motion \
-                 (--seconds), or ask for less (--precision)",
+                "{missed} of {all} parameters are not known to {:.3} % with {seconds} s more either; allow \
+                a longer motion (--seconds), or allow a larger standard deviation (--precision)",
                 100.0 * self.precision
             ),
         });

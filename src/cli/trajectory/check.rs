@@ -24,18 +24,19 @@ Examples:
   armwatch trajectory check motion.csv --robot robots/mine.toml --cell cell.toml
   armwatch trajectory check motion.csv --robot er3a --json
 
-FILE is a programme of `armwatch trajectory design` or a CSV file with a header: time or time_s, and pos_1, pos_2, ..
-in rad (m), or pos_1_deg, pos_2_mm. Velocities (vel_1) and accelerations (acc_1) are taken where they are given, and
-derived from positions elsewhere, over intervals so long that the last digit of the file does not show. A quantity that
-the file is too coarse for is called not judged. Jerk, the peak of the torque and the clearance of links are judged where the
-description has limits of them; docs/trajectories.md shows the keys, and the file of a cell.
+FILE is a programme of `armwatch trajectory design` or a CSV file with a header: time or time_s, and pos_1, pos_2,
+.. in rad (m), or pos_1_deg, pos_2_mm. The command uses the velocities (vel_1) and accelerations (acc_1) in the
+file. If they are missing, it derives them from positions, over intervals long enough to hide the rounding of the
+last digit. It reports a quantity as not judged if the file is too coarse for it. It checks jerk, peak torque and
+the clearance of links if the description has limits for them; docs/trajectories.md has the keys, and the file of
+a cell.
 
-Exit status 0 if every limit is kept, 1 if one is broken or not judged.")]
+Exit status 0 if the motion keeps every limit, 1 if it breaks one or one was not judged.")]
 pub(in crate::cli) struct CheckArgs {
-    /// Programme, or CSV file of positions over time
+    /// Programme, or CSV file with positions over time
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The arm: a robot or model of the configuration, or the file of a description
+    /// Arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
     robot: String,
     #[command(flatten)]

@@ -97,7 +97,7 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
             let text = programme.json().map_err(CliError::Internal)?;
             write_lines(path, text.lines().map(str::to_owned))?;
         }
-        None if !global.json => output::print_hint("nothing is written; -o FILE keeps the programme"),
+        None if !global.json => output::print_hint("nothing is written; -o FILE saves the programme"),
         None => {}
     }
     Ok(EXIT_DONE)
@@ -115,11 +115,11 @@ impl DesignArgs {
         let found = programme(path, robot)?;
         let other = |what: &str| {
             Err(CliError::Usage(format!(
-                "--resume {}: its search had another {what}; give the same options, or search anew",
+                "--resume {}: its search had another {what}; give the same options, or start a new search",
                 path.display()
             )))
         };
-        let Some(search) = found.search else { return other("origin: nothing is known of it") };
+        let Some(search) = found.search else { return other("origin: unknown") };
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
         let names: Vec<String> = chosen.iter().map(|&k| base.kept[k].to_string()).collect();
         let harmonics = found.series.a.first().map_or(0, Vec::len);
@@ -130,9 +130,9 @@ impl DesignArgs {
             ("duration", near(1.0 / found.series.base_frequency, self.seconds)),
             ("number of harmonics", harmonics == usize::from(self.harmonics)),
             ("form", search.form == self.form.recorded()),
-            ("share of the range", near(search.position_share, self.position_share)),
-            ("share of the speeds", near(search.speed_share, self.speed_share)),
-            ("share of the accelerations", near(search.acceleration_share, self.acceleration_share)),
+            ("fraction of the range", near(search.position_share, self.position_share)),
+            ("fraction of the speeds", near(search.speed_share, self.speed_share)),
+            ("fraction of the accelerations", near(search.acceleration_share, self.acceleration_share)),
         ];
         if let Some((what, _)) = same.iter().find(|(_, same)| !same) {
             return other(what);
@@ -250,13 +250,14 @@ fn nothing_found(problem: &SearchProblem<'_>) -> String {
     });
     match nearest {
         Some((near, distance)) if !near.is_empty() => format!(
-            "no motion that was tried keeps clear of everything. With all joints at the middles of their ranges, these are \
-             nearer than {:.1} mm already: {}. Check capsules and obstacles, or use less of the range (--position-share)",
+            "no motion tried avoids every collision. Even with all joints at the middles of their ranges, \
+            these are nearer than {:.1} mm: {}. Check capsules and obstacles, or use less of the range \
+            (--position-share)",
             1e3 * distance,
             near.join(", ")
         ),
-        Some(_) => "no motion that was tried keeps within the limits and clear of everything, and shows every parameter; try \
-                    more --starts, or use less of the range (--position-share)"
+        Some(_) => "no motion tried keeps the limits, avoids every collision and shows every parameter; try \
+            more --starts, or use less of the range (--position-share)"
             .to_owned(),
         None => "no motion within the limits shows every parameter; check the ranges of the joints, or allow more harmonics \
                  and seconds"

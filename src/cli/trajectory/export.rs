@@ -27,28 +27,28 @@ Examples:
   armwatch trajectory export er3a.json --robot er3a --waypoints \\
       --rate-hz 20 -o er3a_pvt.csv
 
-The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a joint that slides), every digit
-written. Waypoints leave out accelerations: position, velocity and time (PVT) for a controller that joins them with
-cubic polynomials; how far these are from the motion is said.
+The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a prismatic joint), with all
+digits. --waypoints omits accelerations: position, velocity and time (PVT) for a controller that connects them
+with cubic polynomials. The command prints the largest difference between these and the motion.
 
-Exit status 1, and nothing is written, if the motion breaks a limit of the arm.")]
+If the motion breaks a limit of the arm, the exit status is 1 and the command writes nothing.")]
 pub(in crate::cli) struct TrajectoryExportArgs {
     /// Programme of `armwatch trajectory design`
     #[arg(value_name = "PROGRAMME")]
     file: PathBuf,
-    /// The arm, whose limits are checked again: a robot or model of the configuration, or a description's file
+    /// Arm whose limits are checked again: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
     robot: String,
     /// CSV file to write
     #[arg(short, long, value_name = "FILE", value_parser = result_file())]
     output: PathBuf,
-    /// Rows a second, Hz
+    /// Rows per second, Hz
     #[arg(long, default_value_t = 250.0, value_name = "HZ")]
     rate_hz: f64,
-    /// Periods, one after the other
+    /// Number of consecutive periods
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     periods: u32,
-    /// Position, velocity and time only
+    /// Write only position, velocity and time
     #[arg(long)]
     waypoints: bool,
     /// Write the file even if the motion breaks limits of the arm
@@ -68,7 +68,7 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
         broken.iter().for_each(|sentence| output::print_hint(sentence));
         if !args.despite_broken_limits {
             output::print_hint(
-                "nothing is written: the motion breaks limits of the arm; --despite-broken-limits writes it all the same",
+                "nothing is written: the motion breaks limits of the arm; --despite-broken-limits writes it anyway",
             );
             return Ok(EXIT_FOUND);
         }

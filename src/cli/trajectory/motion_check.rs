@@ -77,7 +77,7 @@ impl<'a> MotionCheck<'a> {
         let motion = self.check.breaches.iter().map(|breach| words::sentence(self.robot, breach));
         let near = self.too_near().map(|(name, near, limit)| {
             format!(
-                "{name}: {:.1} mm apart at {:.3} s, at least {:.1} mm are asked for",
+                "{name}: {:.1} mm apart at {:.3} s, at least {:.1} mm are required",
                 1e3 * near.at_least,
                 near.time,
                 1e3 * limit
@@ -126,7 +126,9 @@ impl<'a> MotionCheck<'a> {
         let mut hints = Vec::new();
         if self.limit.is_none() {
             hints.push(
-                "clearance is not judged: the description names no links to keep apart, and no --cell is given".to_owned(),
+                "clearance is not judged: the description has no pairs of links to check, and no --cell is \
+                given"
+                    .to_owned(),
             );
         }
         match &self.torques {

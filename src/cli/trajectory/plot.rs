@@ -17,13 +17,13 @@ Examples:
   armwatch trajectory plot er3a.json --robot er3a -o er3a.svg
   armwatch trajectory plot mine.json --robot robots/mine.toml -o mine.html
 
-Positions, velocities and accelerations of all joints over one period, each in per cent of its limit, and what the starts
-of the search came to.")]
+The picture has the positions, velocities and accelerations of all joints over one period, each in percent of its
+limit, and the results of the starts of the search.")]
 pub(in crate::cli) struct PlotArgs {
     /// Programme of `armwatch trajectory design`
     #[arg(value_name = "PROGRAMME")]
     file: PathBuf,
-    /// The arm: a robot or model of the configuration, or the file of a description
+    /// Arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
     robot: String,
     /// Picture to write, .svg or .html

@@ -40,7 +40,7 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
         let cell = |index: usize| -> Result<(f64, f64), CliError> {
             let text = record.get(index).unwrap_or_default();
             let value = text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
-                fault(format!("line {line}, column {}: \"{text}\" is no number", header[index]))
+                fault(format!("line {line}, column {}: \"{text}\" is not a number", header[index]))
             })?;
             Ok((value, last_digit(text)))
         };

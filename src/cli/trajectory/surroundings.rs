@@ -11,10 +11,10 @@ use armwatch_trajectory::clearance::{Clearance, ClearanceLimit};
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct SurroundingsArgs {
-    /// What stands around the arm: a TOML file of planes, boxes and cylinders
+    /// Surroundings of the arm: a TOML file of planes, boxes and cylinders
     #[arg(help_heading = "Surroundings", long, value_name = "FILE")]
     cell: Option<PathBuf>,
-    /// Least distance of the description's capsules from each other and from the cell, m
+    /// Smallest allowed distance of the description's capsules from each other and from the cell, m
     #[arg(help_heading = "Surroundings", long, default_value_t = 0.02, value_name = "M")]
     clearance_m: f64,
 }
@@ -34,8 +34,8 @@ impl SurroundingsArgs {
         };
         if self.cell.is_some() && robot.shape.capsules.iter().all(|capsule| capsule.link == 0) {
             return Err(CliError::Usage(
-                "--cell: the description has no [[capsule]] of a link that moves, so nothing can be kept from the cell; \
-                 docs/trajectories.md shows how links are given a shape"
+                "--cell: the description has no [[capsule]] of a link that moves, so no clearance from the \
+                cell can be checked; docs/trajectories.md shows how to give links a shape"
                     .into(),
             ));
         }

@@ -42,19 +42,20 @@ Examples:
   armwatch trajectory test --robot er3a --warming-s 0 --levels 2,4,6 \\
       -o daily.csv
 
-One cycle: rest, the excitation (that of the programme, else of the description, else a random one), each joint over its
-range near full speed, each joint alone through its speed levels, all joints together to warm up, and home. A controller
-that repeats its programme needs one cycle; the whole test of the published method has 24.
+One cycle has rest, the excitation (from the programme, else from the description, else random), each joint over
+its range near full speed, each joint alone through its speed levels, all joints together for warming, and the
+return home. A controller that repeats its programme needs one cycle; the whole test of the published method has
+24.
 
-The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a joint that slides), then stage (0
-between, 1 excitation, 2 friction, 3 warming), cycle, joint and level. Record these four with the motion: then the export
-needs no search for its stages.
+The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a prismatic joint), then
+stage (0 between stages, 1 excitation, 2 friction, 3 warming), cycle, joint and level. Record these four with the
+motion: then armwatch need not search for the stages in the export.
 
-Without a warming stage and with few levels it is a daily check of a minute or two.
+A test without a warming stage and with few levels is a daily check of one or two minutes.
 
-Exit status 1, and nothing is written, if the programme or the test breaks a limit of the arm.")]
+If the programme or the test breaks a limit of the arm, the exit status is 1 and the command writes nothing.")]
 pub(in crate::cli) struct WholeTestArgs {
-    /// The arm: a robot or model of the configuration, or the file of a description
+    /// Arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
     robot: String,
     /// Programme of `armwatch trajectory design` for the excitation
@@ -63,21 +64,22 @@ pub(in crate::cli) struct WholeTestArgs {
     /// Duration of the warming stage, s; 0 for none
     #[arg(help_heading = "Motion", long, default_value_t = 180.0, value_name = "S")]
     warming_s: f64,
-    /// Speed levels of the friction stage, such as 2,4,6; none for no such stage [default: all of the description]
+    /// Speed levels of the friction stage, such as 2,4,6; none for no friction stage [default: all of the
+    /// description]
     #[arg(help_heading = "Motion", long, value_name = "LEVELS")]
     levels: Option<Levels>,
-    /// Seed of the excitation of an arm that has none
+    /// Seed of a random excitation, for an arm without one
     #[arg(help_heading = "Motion", long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
     cycle: CycleArgs,
-    /// Cycles, one after the other
+    /// Number of consecutive cycles
     #[arg(help_heading = "Motion", long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     cycles: u32,
-    /// Rows a second, Hz
+    /// Rows per second, Hz
     #[arg(help_heading = "File", long, default_value_t = 250.0, value_name = "HZ")]
     rate_hz: f64,
-    /// CSV file to write; without it the test is only described
+    /// CSV file to write [default: only describe the test]
     #[arg(help_heading = "File", short, long, value_name = "FILE", value_parser = result_file())]
     output: Option<PathBuf>,
     /// Picture to write, .svg or .html
@@ -141,7 +143,7 @@ fn refused(broken: &[String], args: &WholeTestArgs) -> bool {
     let refused = !broken.is_empty() && !args.despite_broken_limits;
     if refused {
         output::print_hint(
-            "nothing is written: the test breaks limits of the arm; --despite-broken-limits writes it all the same",
+            "nothing is written: the test breaks limits of the arm; --despite-broken-limits writes it anyway",
         );
     }
     refused

@@ -112,8 +112,8 @@ pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> V
         let reached = extremes(series, index.index()).speed.value.abs() / top;
         (reached < (1.0 - SPEED_TOLERANCE) * share).then(|| {
             format!(
-                "joint {index} reaches {:.1} % of its top speed, not the {:.1} % that were asked for: more --harmonics let it \
-                 speed up faster",
+                "joint {index} reaches {:.1} % of its top speed, not the required {:.1} %: more --harmonics \
+                allow faster acceleration",
                 100.0 * reached,
                 100.0 * share
             )

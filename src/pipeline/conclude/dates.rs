@@ -69,8 +69,7 @@ impl Pipeline {
         }
         let is_new = |of: &&Misdated| changed.iter().any(|(run_id, _)| *run_id == of.run.run_id);
         for Misdated { run, date, .. } in judged.misdated.iter().filter(is_new) {
-            let effect =
-                if date.is_in_order { "it counts in the order of arrival" } else { "it is left out" };
+            let effect = if date.is_in_order { "its order of arrival counts" } else { "it is excluded" };
             tracing::warn!(
                 robot = robot.name,
                 run_id = run.run_id,
@@ -156,15 +155,15 @@ impl JudgedDates {
         }
         let effect = match self.misdated.iter().filter(|of| !of.date.is_in_order).count() {
             0 => "the order of arrival counts".to_owned(),
-            left_out if left_out == all => "no conclusion is drawn from such a recording".to_owned(),
+            left_out if left_out == all => "no conclusion uses such a recording".to_owned(),
             left_out => {
-                format!("{left_out} of {all} are left out, of the others the order of arrival counts")
+                format!("{left_out} of {all} are excluded; the others count in the order of arrival")
             }
         };
         let unwatched = match self.is_unwatched() {
             true => format!(
-                "the last {} tests are left out, so that the robot is not watched; if the order of arrival is right, \
-                 `armwatch run-date RUN.. --as-arrived` lets them count; ",
+                "the last {} tests are excluded, so the robot is not watched; if the order of arrival is \
+                right, include them with `armwatch run-date RUN.. --as-arrived`; ",
                 self.tests_left_out
             ),
             false => String::new(),

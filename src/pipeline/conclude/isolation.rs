@@ -51,11 +51,11 @@ impl Pipeline {
         if self.store().note_conclusion_fault(robot, &reason).await? {
             tracing::error!(
                 robot,
-                "nothing new is concluded of this robot: {reason}; its stored results stay, and other robots go on; \
-                 report it with the log (view conclusion_faults)"
+                "no new conclusion for this robot: {reason}; its stored results stay, and other robots \
+                continue; report it with the log (view conclusion_faults)"
             );
         } else {
-            tracing::debug!(robot, reason, "still nothing new is concluded");
+            tracing::debug!(robot, reason, "still no new conclusion");
         }
         Ok(Conclusion::Faulty(reason))
     }

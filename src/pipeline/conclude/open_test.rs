@@ -53,7 +53,10 @@ impl Pipeline {
         }
         let subject = format!("run {run_id}");
         if self.begin_conclusion(&subject).await?.is_spent() {
-            tracing::debug!(run_id, "not judged while it is written: that has ended the program three times");
+            tracing::debug!(
+                run_id,
+                "not evaluated while it is written: this has ended the program three times"
+            );
             return Ok(OpenConclusion::Quiet);
         }
         let judged = self.judge_open(test, begun).await;
@@ -106,7 +109,7 @@ impl Pipeline {
         let pipeline = self.clone();
         let reason = |error: JoinError| {
             let reason = panic_reason(error)?;
-            tracing::error!(run_id, "not judged while it is written: {reason}; report it with the log");
+            tracing::error!(run_id, "not evaluated while it is written: {reason}; report it with the log");
             Ok(OpenConclusion::Quiet)
         };
         match tokio::spawn(async move { pipeline.conclude_open(run_id).await }).await {

@@ -27,8 +27,9 @@ use armwatch_store::{Store, TestWindow};
 #[must_use]
 pub fn too_late(robot: &str, boundary: Timestamp) -> String {
     format!(
-        "it began before {}, and conclusions of {} from before that time are settled: it is stored, but no conclusion uses it; \
-         `armwatch conclude {} --from TIME` judges the history again from a time before it",
+        "it began before {}, and conclusions of {} from before that time are final: it is stored, but no \
+        conclusion uses it; `armwatch conclude {} --from TIME` evaluates the history again from an earlier \
+        time",
         boundary.strftime("%Y-%m-%dT%H:%MZ"),
         text::shown(robot),
         text::shown(robot)

@@ -78,7 +78,7 @@ pub async fn export_of(
         for path in candidates {
             match fingerprint(&path) {
                 Ok((hash, _)) if hash == wanted => return Ok(path),
-                Ok((hash, _)) => seen.push(format!("{} holds other content ({hash})", text::of_path(&path))),
+                Ok((hash, _)) => seen.push(format!("{} has other content ({hash})", text::of_path(&path))),
                 Err(error) => seen.push(format!("{}: {error}", text::of_path(&path))),
             }
         }
@@ -87,7 +87,7 @@ pub async fn export_of(
     .await?;
     Ok(found.map_err(|seen| {
         format!(
-            "the export of run {} is not at hand: {}; wanted is {} with the content {wanted}",
+            "the export of run {} is not available: {}; required is {} with the content {wanted}",
             run.run_id,
             seen.join("; "),
             run.source_name,
@@ -128,8 +128,8 @@ impl Replay {
         })?;
         let entry = config.export_entry(&run.robot, &run.source_name).ok_or_else(|| {
             ReplayError::Refused(format!(
-                "no description for robot \"{}\"; add a [[robot]] entry whose name matches to the configuration, \
-                 or name the configuration that run {run_id} was taken with (--config)",
+                "no description for robot \"{}\"; add a [[robot]] entry whose name matches to the \
+                configuration, or name the configuration that run {run_id} was read with (--config)",
                 run.robot
             ))
         })?;
@@ -188,7 +188,7 @@ impl Replay {
             return Err(self.cut_otherwise("is no longer found in the export"));
         };
         if cycle.samples.rows() != rows {
-            return Err(self.cut_otherwise(&format!("has {} rows now", cycle.samples.rows())));
+            return Err(self.cut_otherwise(&format!("now has {} rows", cycle.samples.rows())));
         }
         Ok(cycle)
     }
@@ -217,9 +217,9 @@ fn same_description(run: &RunSource, robot: &Robot) -> Result<(), ReplayError> {
         return Ok(());
     }
     Err(ReplayError::Refused(format!(
-        "run {} was analysed with another description of {} than the configuration has now ({}): its parameters \
-         mean something else; name the configuration of that time with --config, or ingest the export into a new \
-         database",
+        "run {} was analysed with another description of {} than the configuration has now ({}): its \
+        parameters are not comparable; name the configuration of that time with --config, or ingest the \
+        export into a new database",
         run.run_id, model.name, robot.model
     )))
 }

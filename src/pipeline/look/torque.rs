@@ -72,7 +72,7 @@ pub async fn cycle_torque(
     let parameters = store.cycle_parameters(run_id, cycle).await?;
     if parameters.is_empty() {
         let reason = replay.cycle.reason.as_deref().unwrap_or("none are stored");
-        let sentence = format!("cycle {cycle} of run {run_id} has no parameters of its own: {reason}");
+        let sentence = format!("cycle {cycle} of run {run_id} has no own parameters: {reason}");
         return Err(ReplayError::Refused(sentence));
     }
     let export = replay.export(config, None).await?;

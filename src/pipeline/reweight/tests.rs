@@ -210,7 +210,8 @@ async fn huber_needs_rows_and_the_way_back_is_open() {
     assert_eq!(done, Reweighted { cycles: 0, kept: cycles, interrupted: false });
     huber.close().await.expect("closed");
     assert_eq!(rows(&path, FIGURES[0]).await, untouched);
-    let said = "SELECT count(*) FROM cycles WHERE estimator_reason LIKE 'kept: huber weighs single rows%'";
+    let said =
+        "SELECT count(*) FROM cycles WHERE estimator_reason LIKE 'not changed: huber weights single rows%'";
     assert_eq!(count(&path, said).await, cycles as i64);
 
     let weighted = pipeline(&path, Estimator::Weighted).await;

@@ -83,7 +83,7 @@ pub struct NotedCycle {
 #[derive(Debug, thiserror::Error)]
 pub enum StoredError {
     /// Every chosen cycle was refused when it was read, or has no factors.
-    #[error("no cycle is left to take: {}", told(.0))]
+    #[error("no usable cycle is left: {}", told(.0))]
     PassedOver(Vec<NotedCycle>),
     /// The database failed.
     #[error(transparent)]
@@ -372,12 +372,13 @@ pub(in crate::pipeline) async fn chosen_cycles(
     let why = |number: u32| match states.iter().find(|state| state.cycle == number) {
         Some(CycleState { reason: Some(reason), .. }) => format!("refused when it was read: {reason}"),
         Some(CycleState { factors_gone: Some(FactorsGone::Joined), .. }) => format!(
-            "they were joined with those of the other windows when their time was over ([retention] in the configuration); \
-             the log as a whole can still be verified against, and `armwatch ingest --again {run_id}` reads its export again"
+            "they expired and were joined with those of the other windows ([retention] in the \
+            configuration); verification against the whole log is still possible, and `armwatch ingest \
+            --again {run_id}` reads its export again"
         ),
         Some(CycleState { factors_gone: Some(FactorsGone::Removed), .. }) => format!(
-            "they were removed when their time was over ([retention] in the configuration); its results stay, and \
-             `armwatch ingest --again {run_id}` reads its export again"
+            "they expired and were deleted ([retention] in the configuration); its results stay, and \
+            `armwatch ingest --again {run_id}` reads its export again"
         ),
         Some(CycleState { remarks, .. }) if with_factors.contains(&number) => {
             marked(remarks.as_deref()).unwrap_or_else(|| "doubtful".to_owned())
@@ -514,8 +515,8 @@ fn same_model_of_run(
     };
     let (ours, theirs) = (shown(model), shown(of_run));
     Err(StoredError::Refused(format!(
-        "run {run_id} was analysed with the description {theirs}, run {of} or the parameters with {ours}: base \
-         parameters of different descriptions mean different things; choose runs of one description"
+        "run {run_id} was analysed with the description {theirs}, run {of} or the parameters with {ours}: \
+        base parameters of different descriptions are not comparable; choose runs of one description"
     )))
 }
 

@@ -71,8 +71,8 @@ impl Recorded {
         let recorded = |(cycle, loaded): &(StoredCycle, bool)| {
             if cycle.factors.columns != *own.by_joint() {
                 return Err(NumericsError::ColumnsDiffer(format!(
-                    "run {} was factored over other parameters than the description has now; ingest its export \
-                     again into a new database",
+                    "run {} was stored with other parameters than the description has now; ingest its \
+                    export again into a new database",
                     cycle.run_id
                 )));
             }
@@ -95,15 +95,15 @@ async fn read(store: &Store, robot: &Robot, chosen: &RunCycles) -> Result<Vec<St
         return Err(StoredError::PassedOver(passed_over));
     }
     if !passed_over.is_empty() {
-        tracing::warn!("passed over: {}", told(&passed_over));
+        tracing::warn!("skipped: {}", told(&passed_over));
     }
     if !in_spite.is_empty() {
-        tracing::warn!("taken in spite of findings: {}", told(&in_spite));
+        tracing::warn!("used in spite of findings: {}", told(&in_spite));
     }
     match cycles.iter().find(|cycle| !cycle.model.describes(robot)) {
         Some(_) => Err(StoredError::Refused(format!(
-            "run {run_id} was analysed with another description than {} has now: the load's place on the arm would \
-             be a guess; give the configuration with which it was ingested (--config)",
+            "run {run_id} was analysed with another description than {} has now: the place of the load on \
+            the arm is unknown; give the configuration used for ingesting it (--config)",
             robot.model
         ))),
         None => Ok(cycles),

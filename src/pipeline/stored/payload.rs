@@ -132,15 +132,15 @@ fn named_test<'a>(runs: &'a [RunRow], word: &str) -> Result<&'a RunRow, StoredEr
             refused(format!("run {run_id} is a production log: choose a test, which has an excitation stage"))
         }
         RunStatus::SetAside => refused(format!(
-            "run {run_id} is set aside: choose another test, or let it take part again with `armwatch set-aside {run_id} \
-             --undo` (`armwatch run-date` if its start is in doubt)"
+            "run {run_id} is set aside: choose another test, or include it again with `armwatch set-aside \
+            {run_id} --undo` (`armwatch run-date` if its start is in doubt)"
         )),
         RunStatus::Superseded => refused(format!(
             "run {run_id} is superseded by a later version of its recording: choose that; `armwatch runs` lists it"
         )),
         RunStatus::Quarantined => refused(format!(
             "run {run_id} is in quarantine: {}; `armwatch quarantine explain` has the remedy",
-            found.reason.as_deref().unwrap_or("its export was not understood")
+            found.reason.as_deref().unwrap_or("its export could not be read")
         )),
         RunStatus::Complete | RunStatus::Streaming => Ok(found),
     }

@@ -16,7 +16,7 @@ pub async fn fit_bodies(taken: PooledCycles, robot: Arc<Robot>) -> Result<Physic
     if !taken.model.describes(&robot) {
         return Err(StoredError::Refused(format!(
             "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, \
-             friction columns or couplings differ; give that one with --description",
+            friction columns or couplings differ; give the right one with --description",
             robot.model, taken.model.name
         )));
     }

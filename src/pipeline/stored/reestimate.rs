@@ -119,8 +119,7 @@ pub async fn reestimate(
 ) -> Result<(Reestimate, ChosenNotes), StoredError> {
     if *choice == EstimatorChoice::Stacked(StackedEstimator::Huber) {
         return Err(StoredError::Refused(
-            "huber weighs cycles against each other and has nothing to weigh in one; take another estimator"
-                .into(),
+            "huber compares cycles and cannot weight a single one; use another estimator".into(),
         ));
     }
     let mut model: Option<(StoredModel, i64)> = None;

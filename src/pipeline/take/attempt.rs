@@ -106,8 +106,8 @@ pub(in crate::pipeline) fn spent(path: &Path) -> Rejection {
         path,
         "reading this export has ended the program three times",
         format!(
-            "the system log says how (out of memory, abort, loss of power); `armwatch quarantine retry {name}` reads it \
-             again, three times at most; if the file is the cause, report it with this file"
+            "the system log has the cause (out of memory, abort, loss of power); `armwatch quarantine retry \
+            {name}` reads it again, three times at most; if the file is the cause, report it with this file"
         ),
     )
 }

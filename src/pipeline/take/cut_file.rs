@@ -15,9 +15,9 @@ use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
 use armwatch_model::robot::Robot;
 use armwatch_store::{EarlierRun, SourceState};
 
-/// Message for a file that was cut, and whose rows continue.
-pub(super) const GOES_ON: &str = "the file was truncated and its rows go on without a header; they are read by the header that \
-                                  it had before, as another run";
+/// Said of a file that was cut, and whose rows go on.
+pub(super) const GOES_ON: &str = "the file was truncated and its rows continue without a header; they are \
+    read with the earlier header, as another run";
 
 /// The header with which this file was read before, under the settings that are in force.
 ///
@@ -115,7 +115,9 @@ pub(in crate::pipeline) async fn with_cause(
             rejection.reason
         )
         .into(),
-        remedy: "let the tool that cuts it move it away instead, so that its writer begins a new file with a header".into(),
+        remedy: "make the tool that truncates it move it away instead, so that its writer begins a new file \
+            with a header"
+            .into(),
         ..rejection
     })
 }

@@ -281,8 +281,8 @@ impl RowCutter {
         match self.cycle_rows() == self.most_rows {
             true => "if cycles are that long, raise limits.cycle_max_rows".to_owned(),
             false => format!(
-                "its analysis takes more than limits.cycles_max_bytes = {}, at {} bytes per row; if cycles are that long, \
-                 raise this limit, and with it the memory that the program may take",
+                "its analysis takes more than limits.cycles_max_bytes = {}, at {} bytes per row; if cycles \
+                are that long, raise this limit, and with it the permitted memory of the program",
                 self.most_bytes,
                 cycle_memory::bytes_of_rows(1, self.row_bytes)
             ),
@@ -411,8 +411,8 @@ impl RowCutter {
         let held = self.stages.held_rows();
         (held > self.cycle_rows()).then(|| {
             let reason = format!(
-                "{held} rows whose stage is not decided yet: the times of these rows hardly advance, or the recording \
-                 has more rows than the bound of a cycle in the time that decides a stage"
+                "{held} rows with an undecided stage: the times of these rows hardly advance, or the \
+                recording has more rows than the bound of a cycle in the time that decides a stage"
             );
             let remedy = format!("check the unit of [time] in the layout; {}", self.remedy_of_length());
             Rejection::of_file(&self.path, reason, remedy)
@@ -432,7 +432,7 @@ impl RowCutter {
             (least, most) => format!("{least} to {most} rows"),
         };
         let cycles = format!(
-            "{} cycles in a row have {size}, and a cycle takes {LEAST_ROWS} rows or more",
+            "{} cycles in a row have {size}, but a cycle needs at least {LEAST_ROWS} rows",
             short.len()
         );
         let (said, remedy) = match (self.division, column) {
@@ -445,13 +445,13 @@ impl RowCutter {
                     1 => format!("the column {column} counts rows, not cycles"),
                     _ => format!("the column {column} changes too often to count cycles"),
                 },
-                "under [if_present] of the layout, give `cycle` the column that counts the repetitions of the test, or \
-                 remove that key: cycles then follow from the stages",
+                "under [if_present] of the layout, set `cycle` to the column that counts the repetitions of \
+                the test, or remove that key: cycles then follow from the stages",
             ),
             (_, None) => (
-                "the stage signal goes back to an earlier stage too often".to_owned(),
-                "check which values mean which stage under [stage] of the layout; docs/exports.md shows how to read \
-                 a signal that flickers",
+                "the stage signal returns to an earlier stage too often".to_owned(),
+                "check the value of each stage under [stage] of the layout; docs/exports.md shows how to \
+                read a signal that flickers",
             ),
         };
         let mut rejection = Rejection::of_file(&self.path, format!("{said}: {cycles}"), remedy);
@@ -463,9 +463,9 @@ impl RowCutter {
     fn not_cut(&self, error: &SegmentError) -> Rejection {
         let remedy = match error {
             SegmentError::Endless { .. } => &self.remedy_of_length(),
-            SegmentError::CounterFalls { .. } => "export each test to a file of its own",
+            SegmentError::CounterFalls { .. } => "export each test to its own file",
             SegmentError::CounterReturns { .. } => {
-                "export each test to a file of its own, or leave the counter as it is inside a cycle"
+                "export each test to its own file, or do not change the counter inside a cycle"
             }
             SegmentError::NoStage { .. } => "",
         };

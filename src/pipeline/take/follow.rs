@@ -127,7 +127,7 @@ impl Pipeline {
             remedy: &rejection.remedy,
         };
         if self.store.block_file(block).await? {
-            tracing::warn!("cannot be read on until it is corrected or has settled: {rejection}");
+            tracing::warn!("cannot be read further until it is corrected or has settled: {rejection}");
         }
         Ok(Followed::Blocked(rejection))
     }
@@ -324,7 +324,7 @@ fn open(path: &Path, entry: &FleetEntry, before: Option<&str>) -> Result<Opening
         Some(header) => ExportReader::going_on(reader, header, path, layout, robot, options)?,
     };
     let state = state_of(&growth).ok_or_else(|| {
-        Rejection::of_file(path, "the file system does not tell its state", "copy it to another one")
+        Rejection::of_file(path, "the file system does not report its state", "copy it to another one")
     })?;
     Ok(match export {
         Some(export) => Opening::Open(Box::new(Opened { export, growth, state, goes_on: before.is_some() })),
@@ -401,8 +401,8 @@ fn read(
                     Some(bytes) if cutting.cycle_count() > 0 => {
                         tracing::warn!(
                             file = %intake.path.display(), run_id = intake.run_id,
-                            "the file was shortened from {} to {bytes} bytes while it was read: its run ends with what \
-                             was read, and what is written from now on is another recording",
+                            "the file was shortened from {} to {bytes} bytes while it was read: its run \
+                            ends here, and later rows are another recording",
                             growth.hash().bytes()
                         );
                         return cutting.end(export.rows(), export.passed_over().rows);

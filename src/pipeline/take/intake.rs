@@ -185,8 +185,8 @@ pub(in crate::pipeline) async fn begin(
     if begun.afresh {
         tracing::warn!(
             file = %text::of_path(path), run_id = begun.run.run_id,
-            "read from the start: layout, description, settings or program are others than those that its stored \
-             cycles were made with"
+            "read from the start: layout, description, settings or program have changed since its cycles \
+            were stored"
         );
     }
     let resume = resume::of_run(pipeline, begun.run.run_id, &made_with).await?;
@@ -517,7 +517,7 @@ pub fn recognise<'a>(
 /// The time zone of clocks in names and rows.
 fn zone(config: &Config, path: &Path) -> Result<TimeZone, Rejection> {
     config.recognition.zone().ok_or_else(|| {
-        let reason = format!("time zone {} is not known on this machine", config.recognition.time_zone);
+        let reason = format!("time zone {} is not known on this computer", config.recognition.time_zone);
         Rejection::of_file(path, reason, "install the time zone database (package tzdata)")
     })
 }

@@ -35,7 +35,7 @@ pub(in crate::pipeline) async fn question(
             known.push(original.to_owned());
         }
     }
-    let own = format!("add a [[robot]] entry with name = \"{robot}\" if it is a robot of its own");
+    let own = format!("add a [[robot]] entry with name = \"{robot}\" if it is a separate robot");
     let (reason, remedy) = match likeness(robot, known.iter().map(String::as_str)) {
         None => return Ok(None),
         Some(NameLikeness::Spelling(same)) => (
@@ -68,8 +68,9 @@ pub(in crate::pipeline) async fn say_unmatched(
         tracing::warn!(
             file = %text::of_path(path),
             robot,
-            "recognition.file_name does not match the name, which becomes that of a new robot; if it is no robot's, rename \
-             the file or change the pattern, and leave its run out with `armwatch set-aside RUN`"
+            "recognition.file_name does not match the name, which becomes that of a new robot; if it \
+            belongs to no robot, rename the file or change the pattern, and exclude its run with `armwatch \
+            set-aside RUN`"
         );
     }
     Ok(())

@@ -121,10 +121,10 @@ fn too_many_without_result(intake: &AdmittedExport, without: &WithoutResult) -> 
         Rejection::of_file(
             &intake.path,
             format!(
-                "{} cycles in a row gave neither parameters nor friction, the last one because of this: {}",
+                "{} cycles in a row gave neither parameters nor friction; the reason of the last one: {}",
                 without.count, without.reason
             ),
-            "correct the recording or the layout; `armwatch explain` shows what each cycle of the file gives",
+            "correct the recording or the layout; `armwatch explain` shows the result of each cycle of the file",
         )
     })
 }
@@ -185,10 +185,10 @@ pub async fn finish(
     if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
         tracing::warn!(
             file = %text::of_path(&intake.path), run_id = intake.run_id,
-            "takes the place of run {old}, which the name says to be the same recording, but begins with other rows: \
-             if it continues run {old}, as the next part of one recording, join the parts in one file; if these are two \
-             recordings, give the other file a name with a start of its own and ingest it again, or set \
-             on_rewrite = \"keep_both\" under [watch]"
+            "replaces run {old}, which is the same recording by its name but begins with other rows: if it \
+            continues run {old}, as the next part of one recording, join the parts in one file; if these \
+            are two recordings, give the other file a name with its own start and ingest it again, or set \
+            on_rewrite = \"keep_both\" under [watch]"
         );
     }
     Ok(Outcome::Stored(StoredRun {

@@ -92,7 +92,7 @@ pub(in crate::pipeline) async fn of_run(
     let Some(stored) = pipeline.store().resume_point(run_id).await? else { return Ok(None) };
     let point = decoded(&stored.state, settings);
     if point.is_none() {
-        tracing::info!(run_id, "read from the start: what was stored to go on with does not fit any more");
+        tracing::info!(run_id, "read from the start: the stored state no longer fits");
     }
     Ok(point)
 }
@@ -119,7 +119,7 @@ pub fn pass_to_point<R: std::io::Read>(
         Passed::There => {
             tracing::info!(%file, run_id, line = position.line, cycles = cutter.cycles_cut, "resumed at byte {}", position.byte);
         }
-        Passed::Elsewhere => tracing::warn!(%file, run_id, "not the file any more that was read before"),
+        Passed::Elsewhere => tracing::warn!(%file, run_id, "no longer the file that was read before"),
         Passed::Going => {}
     }
     Ok(passed)

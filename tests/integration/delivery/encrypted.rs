@@ -48,7 +48,7 @@ fn assert_trusts_its_authority_alone(workshop: &Workshop) {
     // an empty database
     workshop.stdout(&["ingest", "inbox"], 0);
     let out = workshop.stdout(&["alerts", "test", "trusting"], 0);
-    assert!(out.contains("has taken it"), "{out}");
+    assert!(out.contains("accepted it"), "{out}");
     let out = workshop.stdout(&["alerts", "test", "doubting"], 74);
     assert!(out.to_lowercase().contains("certificate"), "{out}");
 }

@@ -376,7 +376,7 @@ fn routes_are_tried_by_hand() {
     // an empty database: a message names its installation
     workshop.stdout(&["ingest", "inbox"], 0);
     let out = workshop.stdout(&["alerts", "test", "shift"], 0);
-    assert!(out.starts_with("shift: webhook has taken it in "), "{out}");
+    assert!(out.starts_with("shift: webhook accepted it in "), "{out}");
     let told = sink.posted()[0].json();
     assert_eq!(told["alerts"][0]["labels"]["robot"], "TEST");
     assert!(

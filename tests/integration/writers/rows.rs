@@ -23,7 +23,7 @@ pub struct Row {
 const WHOLE: &[&str] = &["complete|2|"];
 const TWO: &[&str] = &["complete|2|", "complete|2|"];
 const REPLACED: &[&str] = &["superseded|2|exported again", "complete|2|"];
-const LEADS_OUT: &[&str] = &["quarantined|0|a link that leads out"];
+const LEADS_OUT: &[&str] = &["quarantined|0|a link to a place outside"];
 const NOTHING: &[&str] = &[];
 
 /// A pause much shorter than the time to settle.

@@ -114,7 +114,7 @@ fn read_routes(table: &Table<'_>) -> Option<Vec<Route>> {
             let name = table.required("name").and_then(|value| {
                 let name = value.text()?;
                 if !names.insert(name.to_owned()) {
-                    let hint = "deliveries are remembered by this name; give each route its own";
+                    let hint = "deliveries are stored under this name; give each route its own name";
                     value.refuse("is the name of an earlier route".into(), Some(hint.into()));
                     return None;
                 }
@@ -206,7 +206,7 @@ fn read_zone(value: &Value<'_>) -> Option<TimeZone> {
     let zone = if name == "UTC" { Some(TimeZone::UTC) } else { TimeZone::get(name).ok() };
     if zone.is_none() {
         let hint = "write an IANA name such as \"Europe/Rome\" or \"UTC\"";
-        value.refuse("is no time zone known on this machine".into(), Some(hint.into()));
+        value.refuse("is not a time zone known on this computer".into(), Some(hint.into()));
     }
     zone
 }
@@ -214,7 +214,8 @@ fn read_zone(value: &Value<'_>) -> Option<TimeZone> {
 fn read_time(value: &Value<'_>, text: &str) -> Option<Time> {
     let time = Time::strptime("%H:%M", text).ok();
     if time.is_none() {
-        value.refuse("is no time of day".into(), Some("write hours and minutes, such as \"07:00\"".into()));
+        value
+            .refuse("is not a time of day".into(), Some("write hours and minutes, such as \"07:00\"".into()));
     }
     time
 }
@@ -222,12 +223,12 @@ fn read_time(value: &Value<'_>, text: &str) -> Option<Time> {
 fn read_quiet(value: &Value<'_>) -> Option<QuietHours> {
     let Some((from, to)) = value.text()?.split_once('-') else {
         let hint = "write two times of day, such as \"22:00-06:00\"";
-        value.refuse("is no stretch of the day".into(), Some(hint.into()));
+        value.refuse("is not a period of the day".into(), Some(hint.into()));
         return None;
     };
     let (from, to) = (read_time(value, from.trim())?, read_time(value, to.trim())?);
     if from == to {
-        value.refuse("is a whole day or nothing".into(), Some("give two different times".into()));
+        value.refuse("is either a whole day or empty".into(), Some("give two different times".into()));
         return None;
     }
     Some(QuietHours { from, to })

@@ -14,7 +14,7 @@ pub(super) fn given<T>(read: Option<Option<T>>) -> Option<Option<T>> {
 pub(super) fn texts(value: &Value<'_>) -> Option<Vec<String>> {
     let items = value.items()?;
     if items.is_empty() {
-        value.refuse("has no entry".into(), Some("leave it out, or name one".into()));
+        value.refuse("has no entry".into(), Some("remove it, or name one".into()));
         return None;
     }
     let texts: Vec<_> = items.iter().map(|item| item.text().map(str::to_owned)).collect();

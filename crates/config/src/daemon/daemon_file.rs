@@ -153,7 +153,7 @@ fn read_policy(value: &Value<'_>) -> Option<RewritePolicy> {
     let found = policies.into_iter().find(|policy| policy.name() == name);
     if found.is_none() {
         let names = policies.map(|policy| format!("\"{}\"", policy.name())).join(" or ");
-        value.refuse("is no policy".into(), Some(format!("write {names}")));
+        value.refuse("is not a policy".into(), Some(format!("write {names}")));
     }
     found
 }
@@ -168,7 +168,7 @@ fn read_folders(value: &Value<'_>) -> Option<Vec<PathBuf>> {
     for item in &items {
         let folder = PathBuf::from(item.text()?);
         if folders.contains(&folder) {
-            item.refuse("is named twice".into(), Some("leave one out".into()));
+            item.refuse("is listed twice".into(), Some("remove one of them".into()));
             return None;
         }
         folders.push(folder);
@@ -201,7 +201,7 @@ fn read_file_name(value: &Value<'_>) -> Option<regex::Regex> {
                 message.lines().last().unwrap_or_default().trim().trim_start_matches("error: ").to_owned();
             value.refuse(
                 format!("is not a regular expression: {reason}"),
-                Some("write it between single quotes, so that backslashes stay as they are".into()),
+                Some("write it in single quotes, so that backslashes stay unchanged".into()),
             );
             return None;
         }
@@ -212,10 +212,7 @@ fn read_file_name(value: &Value<'_>) -> Option<regex::Regex> {
         return None;
     }
     if has("time") && !has("date") {
-        value.refuse(
-            "has a group time but no group date".into(),
-            Some("a time without a date is no moment".into()),
-        );
+        value.refuse("has a group time but no group date".into(), Some("a time needs a date".into()));
         return None;
     }
     Some(pattern)
@@ -226,7 +223,7 @@ fn read_time_zone(value: &Value<'_>) -> Option<String> {
     if time_zone(name).is_none() {
         let hint = "write an IANA name such as \"Europe/Rome\" or \"UTC\"; names other than UTC need the time zone \
                     database of the operating system (package tzdata)";
-        value.refuse("is no time zone known on this machine".into(), Some(hint.into()));
+        value.refuse("is not a time zone known on this computer".into(), Some(hint.into()));
         return None;
     }
     Some(name.to_owned())
@@ -316,7 +313,7 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
     let hint = || Some("write [[robot]] with name = \"*\", description and layout".into());
     let items = root.required_or_else("robot", hint)?.sections()?;
     if items.is_empty() {
-        root.refuse("there is no robot".into(), hint());
+        root.refuse("no robot is configured".into(), hint());
         return None;
     }
     let mut patterns: Vec<&str> = Vec::new();
@@ -356,8 +353,8 @@ fn read_files(value: &Value<'_>) -> Option<FilePatterns> {
     let items = value.items()?;
     if items.is_empty() {
         value.refuse(
-            "no pattern matches no file".into(),
-            Some("leave files out for all files of the robot".into()),
+            "the list is empty, so that the entry matches no file".into(),
+            Some("remove files to match all files of the robot".into()),
         );
         return None;
     }
@@ -374,10 +371,10 @@ fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     if slides && !(in_si(&layout.position) && layout.velocity.as_ref().is_none_or(in_si)) {
         table.refuse(
             format!(
-                "{} has a sliding joint, but the layout {} is not in rad and m",
+                "{} has a prismatic joint, but the layout {} is not in rad and m",
                 robot.model, layout.name
             ),
-            Some("export rad for turning and m for sliding joints".into()),
+            Some("export rad for revolute and m for prismatic joints".into()),
         );
         return None;
     }
@@ -393,7 +390,8 @@ fn check_fit(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
             "{} has torque_sensors = \"link\", but the layout {} reads torques of the motors",
             entry.description.model, entry.layout.name
         );
-        let hint = "name the columns of the joint torque sensors, in Nm, or take torque_sensors out of the description";
+        let hint = "name the columns of the joint torque sensors, in Nm, or remove torque_sensors from the \
+            description";
         table.refuse(problem, Some(hint.into()));
         return None;
     }
@@ -411,7 +409,7 @@ fn check_fit(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
 fn read_exception<'d>(value: &Value<'d>, earlier: &[&'d str]) -> Option<&'d str> {
     let robots = value.text()?;
     if let Some(known) = earlier.iter().find(|known| pattern::covers(known, robots)) {
-        let problem = format!("is never used: \"{known}\", given before, takes all files of these robots");
+        let problem = format!("is never used: \"{known}\", given before, matches all files of these robots");
         value.refuse(problem, Some("put the entry with files first".into()));
         return None;
     }
@@ -424,7 +422,7 @@ fn read_pattern<'d>(value: &Value<'d>, earlier: &mut Vec<&'d str>) -> Option<&'d
     let robots = value.text()?;
     let conflict = earlier.iter().find_map(|known| {
         if *known == robots {
-            Some((format!("the pattern \"{known}\" is already given"), "leave one out"))
+            Some((format!("the pattern \"{known}\" is already given"), "remove one of them"))
         } else if pattern::covers(known, robots) {
             let problem = format!("is never used: \"{known}\", given before, matches these robots first");
             Some((problem, "put the narrower pattern first"))
@@ -475,9 +473,9 @@ fn read_accept(value: &Value<'_>) -> Option<FindingKinds> {
         if found.is_none() {
             let hint = match suggestion::nearest(name, FindingKind::ALL.map(FindingKind::name)) {
                 Some(known) => format!("did you mean {known}?"),
-                None => "names are in docs/method.md, and a refusal names its own".into(),
+                None => "docs/method.md has the names, and every refusal names its finding".into(),
             };
-            item.refuse("is no finding that a cycle can be refused for".into(), Some(hint));
+            item.refuse("is not a finding that can refuse a cycle".into(), Some(hint));
         }
         found
     };
@@ -490,7 +488,11 @@ fn read_estimator(value: &Value<'_>) -> Option<Estimator> {
     if found.is_none() {
         value.refuse(
             "must be \"ordinary\", \"weighted\" or \"huber\"".into(),
-            Some("all rows alike; joints by their noise; the same with less weight for rows far off".into()),
+            Some(
+                "equal weights; weights from the noise of each joint; the same, with less weight for \
+                distant rows"
+                    .into(),
+            ),
         );
     }
     found

@@ -45,14 +45,14 @@ pub enum RecogniseError {
     },
     /// The robot has the reserved name for exports of no robot.
     #[error(
-        "the name {file_name} says the robot '{UNKNOWN_ROBOT}', which stands for exports of no known robot"
+        "the name {file_name} has the robot '{UNKNOWN_ROBOT}', which is reserved for exports of unknown robots"
     )]
     Reserved {
         /// The name without its folder.
         file_name: String,
     },
-    /// Date and time are invalid.
-    #[error("the name {file_name} says '{text}' where {wanted} should be: {reason}")]
+    /// Date and time are no date and time.
+    #[error("the name {file_name} has '{text}' instead of {wanted}: {reason}")]
     NoDate {
         /// The name without its folder.
         file_name: String,
@@ -64,7 +64,7 @@ pub enum RecogniseError {
         reason: String,
     },
     /// The time zone is not in this machine's database.
-    #[error("time zone {0} is not known on this machine")]
+    #[error("time zone {0} is not known on this computer")]
     NoTimeZone(String),
 }
 
@@ -149,9 +149,9 @@ fn plain_robot(stem: &str) -> Option<&str> {
 
 fn example(pattern: &str) -> String {
     if pattern == DEFAULT_FILE_NAME {
-        format!("a name such as {EXAMPLE} does")
+        format!("a name such as {EXAMPLE} matches")
     } else {
-        format!("the shipped pattern '{DEFAULT_FILE_NAME}' reads names such as {EXAMPLE}")
+        format!("the shipped pattern '{DEFAULT_FILE_NAME}' matches names such as {EXAMPLE}")
     }
 }
 
@@ -244,12 +244,12 @@ mod tests {
     #[test]
     fn impossible_dates_and_times_are_refused_with_what_is_wrong() {
         for (name, reason) in [
-            ("R00_20260230_0847.csv", "there is no day 30 of month 2 in 2026"),
-            ("R00_20261301_0847.csv", "there is no day 1 of month 13 in 2026"),
-            ("R00_20260105_2460.csv", "there is no time 24:60:00"),
-            ("R00_20260105_084761.csv", "there is no time 08:47:61"),
-            ("unknown_20260105_0847.csv", "which stands for exports of no known robot"),
-            ("unknown.csv", "which stands for exports of no known robot"),
+            ("R00_20260230_0847.csv", "month 2 of 2026 has no day 30"),
+            ("R00_20261301_0847.csv", "month 13 of 2026 has no day 1"),
+            ("R00_20260105_2460.csv", "the time 24:60:00 does not exist"),
+            ("R00_20260105_084761.csv", "the time 08:47:61 does not exist"),
+            ("unknown_20260105_0847.csv", "which is reserved for exports of unknown robots"),
+            ("unknown.csv", "which is reserved for exports of unknown robots"),
             ("R00_00012345_0847.csv", "the year 1 is not between 1980 and 2199"),
         ] {
             let message = native().recognise(name).expect_err(name).to_string();

@@ -79,8 +79,8 @@ pub(crate) fn archive_of(value: &Value<'_>, folders: &[PathBuf]) -> Option<PathB
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let inside = folders.iter().find(|folder| absolute(&archive).starts_with(absolute(folder)));
     if let Some(folder) = inside {
-        let hint = "give a folder beside the watched ones".to_owned();
-        value.refuse(format!("lies in the watched folder {}", folder.display()), Some(hint));
+        let hint = "give a folder outside the watched ones".to_owned();
+        value.refuse(format!("is inside the watched folder {}", folder.display()), Some(hint));
         return None;
     }
     Some(archive)

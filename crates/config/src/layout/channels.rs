@@ -371,7 +371,7 @@ impl Layout {
                         "{name}.{key} of layout \"{}\" has {length} entries, {} has {n} joints",
                         self.name, robot.model
                     ),
-                    remedy: "give one entry a joint, from the base outwards".into(),
+                    remedy: "give one entry per joint, from the base outwards".into(),
                 });
             }
         }
@@ -384,7 +384,7 @@ impl Layout {
         let (problem, remedy) = if last.index() >= n {
             (format!("names joint {last}, {} has {n} joints", robot.model), "name joints of this arm")
         } else if self.without_torque.len() == n {
-            ("names all joints".into(), "leave out the joints that have a torque column")
+            ("names all joints".into(), "remove the joints that have a torque column")
         } else {
             return Ok(());
         };
@@ -439,7 +439,7 @@ impl Layout {
                 "add the key to each [[joint]] of the robot's description{}",
                 match (self.torque_quantity, self.motor_side.torque) {
                     (TorqueQuantity::Current, _) =>
-                        "; a catalogue's value will do to begin with: `armwatch robot drive-gains` corrects it",
+                        "; start with a value from the catalogue: `armwatch robot drive-gains` corrects it",
                     (_, false) => ", or set torque.side = \"motor\" if the percentage is the motor's",
                     (_, true) => "",
                 }

@@ -50,17 +50,17 @@ impl ColumnNames {
     fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
         let pattern = &*composed(value.text()?);
         let problem = match joint_places(pattern) {
-            0 => format!("must contain {JOINT}, which stands for the joint's number from 1"),
+            0 => format!("must contain {JOINT}, as the place of the joint's number from 1"),
             1 => return self.add(value, Column::Name(pattern.to_owned())).map(|_| pattern.to_owned()),
             _ => format!("must contain {JOINT} only once"),
         };
-        value.refuse(problem, Some("or write columns = [..] with a name or number for each joint".into()));
+        value.refuse(problem, Some("or write columns = [..] with a name or number per joint".into()));
         None
     }
 
     pub(crate) fn add(&mut self, value: &Value<'_>, column: Column) -> Option<Column> {
         if self.0.contains(&column) {
-            value.refuse("this column is already read as something else".into(), None);
+            value.refuse("another key already reads this column".into(), None);
             return None;
         }
         self.0.push(column.clone());

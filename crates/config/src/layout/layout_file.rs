@@ -141,7 +141,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     {
         let hint = "name a column of the stages, or write whole_recording under [stage]";
         root.refuse(
-            "stages cannot come from the motion where positions are not recorded".into(),
+            "stages cannot come from the motion if positions are not recorded".into(),
             Some(hint.into()),
         );
         return None;
@@ -168,7 +168,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
             if rule.matching == PartMatch::Time && !has_numbers {
                 let hint = "match rows by number: match = \"row\"";
                 table.refuse(
-                    "rows match by time only where time is a column of numbers".into(),
+                    "rows can match by time only if time is a column of numbers".into(),
                     Some(hint.into()),
                 );
                 return None;

@@ -49,11 +49,11 @@ pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
         _ => None,
     };
     if let (Some(_), Some(value)) = (&form, &wraps_at) {
-        value.refuse("is for numbers; a time of day goes on after midnight without it".into(), None);
+        value.refuse("is only for numbers; a time of day continues after midnight without it".into(), None);
         return None;
     }
     if let (true, Some(value)) = (is_restarting && (form.is_some() || wraps_at.is_some()), &restarts) {
-        value.refuse("is for numbers without wraps_at".into(), None);
+        value.refuse("is only for numbers without wraps_at".into(), None);
         return None;
     }
     if let Some(form) = form {
@@ -73,7 +73,7 @@ pub(crate) fn read_start(table: &Table<'_>) -> Option<StartSource> {
     let column = table.required("column").and_then(|value| ColumnNames::default().take(&value));
     let form = match table.at_most_one_of(&["unit", "format"]) {
         Some((1, value)) => {
-            const WANTED: &str = "year, month and day, and should give the time";
+            const WANTED: &str = "year, month and day, and preferably the time";
             read_format(&value, WANTED, MomentFormat::gives_date).map(StartForm::Format)
         }
         Some((_, unit)) if unit.peek_text() != Some(TIMESTAMP) => {
@@ -198,9 +198,9 @@ mod tests {
             ("unit = \"s\"\nformat = \"%T\"", "keep one of them"),
             ("format = \"%x %T\"", "depends on the country"),
             ("format = \"%d/%m/%Y %H:%M\"", "must give the seconds"),
-            ("format = \"%T\"\nwraps_at = 86400", "goes on after midnight"),
+            ("format = \"%T\"\nwraps_at = 86400", "continues after midnight"),
             ("unit = \"s\"\ntick_s = 0.004", "unknown key"),
-            ("unit = \"timestamp\"\nwraps_at = 4294967296", "goes on after midnight"),
+            ("unit = \"timestamp\"\nwraps_at = 4294967296", "continues after midnight"),
             ("unit = \"ticks\"\ntick_s = 0", "must be between"),
             ("unit = \"ms\"\nwraps_at = 1", "must be between"),
         ] {

@@ -134,7 +134,7 @@ pub(crate) fn read(table: &Table<'_>) -> Option<PartRule> {
         Some(value) => {
             let text = value.text()?;
             if text.matches(PART).count() != 1 {
-                let hint = "write it like \"*_{part}\"; * stands for any characters";
+                let hint = "write it like \"*_{part}\"; * matches any characters";
                 value.refuse(format!("must contain {PART} once"), Some(hint.into()));
                 return None;
             }

@@ -95,7 +95,10 @@ pub(crate) fn read(root: &Table<'_>) -> Option<TextFormat> {
     let after = skip_after_header?;
     if after > 0 && root.optional("header").is_some_and(|value| value.boolean() == Some(false)) {
         let value = root.optional("skip_after_header")?;
-        value.refuse("there is no header to skip lines after".into(), Some("use skip_lines".into()));
+        value.refuse(
+            "without a header there are no lines to skip after it".into(),
+            Some("use skip_lines".into()),
+        );
         return None;
     }
     Some(TextFormat {

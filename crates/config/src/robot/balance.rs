@@ -64,7 +64,7 @@ fn read_spring(section: &Value<'_>, joints: &[Joint], is_cylinder: bool) -> Opti
     let kind = joint.map_or(JointKind::Revolute, |joint| joints[joint.index()].kind);
     let (form, nominal) = if is_cylinder {
         if kind == JointKind::Prismatic {
-            table.refuse("the joint must turn; [[spring]] is for sliding joints too".into(), None);
+            table.refuse("the joint must be revolute; [[spring]] also fits prismatic joints".into(), None);
             return None;
         }
         let form = read_cylinder(&table);
@@ -98,8 +98,8 @@ fn read_direct(table: &Table<'_>, kind: JointKind) -> Option<Option<[f64; 2]>> {
     }
 }
 
-/// Why the numbers of a spring are optional.
-const IDENTIFIED: &str = "identification finds them; the simulator needs them";
+/// Why the numbers of a spring may be left out.
+const IDENTIFIED: &str = "identification does not need them; the simulator does";
 
 /// Two numbers that must be given together or not at all.
 fn both(table: &Table<'_>, keys: [&str; 2], limits: [Limits; 2]) -> Option<Option<[f64; 2]>> {
@@ -137,7 +137,7 @@ fn read_parallelogram(section: &Value<'_>, joints: &[Joint]) -> Option<Parallelo
     if read.is_none() {
         table.refuse(
             format!("joint {forearm} and the joint before it must turn about parallel axes"),
-            Some("joint is that of the forearm, which the crank moves".into()),
+            Some("joint must be the forearm joint, which the crank moves".into()),
         );
     }
     read

@@ -33,7 +33,7 @@ fn parse_cell(file_name: &str, text: &str) -> Result<Cell, ConfigErrors> {
         if obstacles.is_empty() {
             root.refuse(
                 "has no obstacle".into(),
-                Some("write one [[plane]], [[box]] or [[cylinder]] for each thing to stay clear of".into()),
+                Some("write one [[plane]], [[box]] or [[cylinder]] per obstacle".into()),
             );
             return None;
         }

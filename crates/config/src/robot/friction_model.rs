@@ -128,7 +128,7 @@ fn read_load(table: &Table<'_>, kind: JointKind, limits: &Limits) -> Option<Opti
     let Some(given) = given else {
         return match speed {
             Some(speed) => {
-                speed.refuse(format!("only means something with {LOAD} = \"stribeck\""), None);
+                speed.refuse(format!("has an effect only with {LOAD} = \"stribeck\""), None);
                 None
             }
             None => Some(None),
@@ -149,7 +149,7 @@ fn read_load(table: &Table<'_>, kind: JointKind, limits: &Limits) -> Option<Opti
             None
         }
         (None, Some(speed)) => {
-            speed.refuse(format!("only means something with {LOAD} = \"stribeck\""), None);
+            speed.refuse(format!("has an effect only with {LOAD} = \"stribeck\""), None);
             None
         }
         (None, None) => Some(Some((found.with_speed)(0.0))),
@@ -196,7 +196,7 @@ fn resolved(
         return None;
     }
     if let Some((law, value, _)) = given.speeds.iter().find(|(law, ..)| law.name != chosen.name) {
-        value.refuse(format!("only means something with {MODEL} = \"{}\"", law.name), None);
+        value.refuse(format!("has an effect only with {MODEL} = \"{}\"", law.name), None);
         return None;
     }
     let law = (chosen.with_speed)(speed.unwrap_or_default());
@@ -206,7 +206,7 @@ fn resolved(
     let load = given.load.unwrap_or(of_arm);
     if law == FrictionLaw::None && load != LoadFriction::None {
         let hint = Some(format!("choose another {MODEL}, or {LOAD} = \"none\""));
-        table.refuse("friction under load has no columns in the model \"none\"".to_owned(), hint);
+        table.refuse("load-dependent friction has no columns in the model \"none\"".to_owned(), hint);
         return None;
     }
     Some(FrictionModel { law, asymmetric, load })
@@ -322,7 +322,7 @@ mod tests {
     #[test]
     fn what_a_joint_cannot_have_is_refused() {
         for (root, keys, said) in [
-            ("", "smooth_speed_rad_s = 0.2", "only means something with friction_model = \"smooth\""),
+            ("", "smooth_speed_rad_s = 0.2", "has an effect only with friction_model = \"smooth\""),
             ("", "friction_model = \"smooth\"", "smooth_speed_rad_s: is missing"),
             ("", "asymmetric = true", "no columns in the polynomial model"),
             ("", "friction_model = \"none\"\nasymmetric = true", "no columns in the model \"none\""),
@@ -333,9 +333,9 @@ mod tests {
             (
                 "",
                 "load_friction = \"linear\"\nload_speed_rad_s = 0.1",
-                "only means something with load_friction",
+                "has an effect only with load_friction",
             ),
-            ("", "load_speed_rad_s = 0.1", "only means something with load_friction"),
+            ("", "load_speed_rad_s = 0.1", "has an effect only with load_friction"),
             ("", "friction_model = \"none\"\nload_friction = \"linear\"", "no columns in the model \"none\""),
             ("torque_sensors = \"axle\"", "", "must be \"motor\" or \"link\""),
         ] {

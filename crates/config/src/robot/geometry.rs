@@ -36,7 +36,7 @@ pub(crate) fn read_convention(root: &Table<'_>) -> Option<Convention> {
         "standard_dh" => Some(Convention::StandardDh),
         "urdf" => Some(Convention::Urdf),
         _ => {
-            value.refuse("is not understood".into(), hint());
+            value.refuse("is not known".into(), hint());
             None
         }
     }

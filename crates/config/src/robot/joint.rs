@@ -147,14 +147,17 @@ pub(crate) fn read_gear_ratio(
     if ratio == 0.0 {
         value.refuse(
             "must not be 0".into(),
-            Some("negative where motor and joint turn against each other".into()),
+            Some("use a negative value if motor and joint turn in opposite directions".into()),
         );
         return None;
     }
     match of_matrix {
         #[expect(clippy::float_cmp, reason = "the same number written twice")]
         Some(other) if other != ratio => {
-            value.refuse(format!("is {other} in transmission.motor_per_joint"), Some("leave one out".into()));
+            value.refuse(
+                format!("is {other} in transmission.motor_per_joint"),
+                Some("remove one of them".into()),
+            );
             None
         }
         _ => Some(ratio),
@@ -213,7 +216,7 @@ pub(crate) fn check_range(min: &Given<'_>, max: &Given<'_>) -> Option<()> {
     let range = max.raw - min.raw;
     if min.unit == "deg" && max.unit == "deg" && range <= std::f64::consts::TAU {
         max.value.refuse(
-            format!("leaves a range of only {range} deg and looks like radians"),
+            format!("gives a range of only {range} deg and looks like radians"),
             Some("write position_min_rad and position_max_rad".into()),
         );
         return None;

@@ -142,11 +142,12 @@ pub(crate) fn check_body(parameters: &StandardParameters) -> Result<(), String> 
     let shown = moments.iter().map(|m| format!("{m:.4}")).collect::<Vec<_>>().join(", ");
     match moments[..] {
         [small, _, _] if small < -slack => Err(format!(
-            "no body is like that: about the centre of mass the principal moments are {shown} kg m^2, one of them negative"
+            "no body has this inertia: about the centre of mass the principal moments are {shown} kg m^2, \
+            one of them negative"
         )),
         [small, middle, large] if large > small + middle + slack => Err(format!(
-            "no body is like that: about the centre of mass the principal moments are {shown} kg m^2, and the largest \
-             exceeds the sum of the others"
+            "no body has this inertia: about the centre of mass the principal moments are {shown} kg m^2, \
+            and the largest exceeds the sum of the others"
         )),
         _ => Ok(()),
     }

@@ -123,7 +123,7 @@ fn read_speed_levels(root: &Table<'_>) -> Option<Vec<f64>> {
         return None;
     }
     if levels.windows(2).any(|pair| pair[1] <= pair[0]) {
-        value.refuse("must rise from level to level".into(), None);
+        value.refuse("must increase from level to level".into(), None);
         return None;
     }
     Some(levels)
@@ -136,8 +136,7 @@ fn read_torque_sensors(root: &Table<'_>) -> Option<TorqueSensors> {
         "motor" => Some(TorqueSensors::Motor),
         "link" => Some(TorqueSensors::Link),
         _ => {
-            let hint =
-                "the drives' own torque or current; sensors behind the gears, which feel no motor inertia";
+            let hint = "torque or current of the drives; sensors behind the gears, which do not measure motor inertia";
             value.refuse("must be \"motor\" or \"link\"".into(), Some(hint.into()));
             None
         }
@@ -153,7 +152,7 @@ fn read_dh_chain(
     // a sensor after the gears does not measure them
     let default_ratio = torque_sensors.filter(|of| *of == TorqueSensors::Link).map(|_| 1.0);
     let value = root
-        .required_or_else("joint", || Some("write one [[joint]] a joint, from the base outwards".into()))?;
+        .required_or_else("joint", || Some("write one [[joint]] per joint, from the base outwards".into()))?;
     let items = value.sections()?;
     let joints: Vec<Option<Joint>> = items
         .iter()
@@ -212,8 +211,8 @@ fn read_amplitudes(table: &Table<'_>, key: &str, joint_count: Option<usize>) -> 
     if let Some(count) = joint_count
         && items.len() != count
     {
-        let hint = Some("write one array of amplitudes a joint".into());
-        value.refuse(format!("has {} entries, must have {count}, one a joint", items.len()), hint);
+        let hint = Some("write one array of amplitudes per joint".into());
+        value.refuse(format!("has {} entries, must have {count}, one per joint", items.len()), hint);
         return None;
     }
     let harmonics = items.first()?.items()?.len();

@@ -78,13 +78,16 @@ pub(crate) fn read(
 fn check_matrix(value: &Value<'_>, rows: &[Vec<f64>], joints: &[Joint]) -> Option<DMatrix<f64>> {
     let n = joints.len();
     if rows.len() != n || rows.iter().any(|row| row.len() != n) {
-        value.refuse(format!("must have {n} rows of {n} numbers, a row a motor and a column a joint"), None);
+        value.refuse(
+            format!("must have {n} rows of {n} numbers, one row per motor and one column per joint"),
+            None,
+        );
         return None;
     }
     let matrix = DMatrix::from_fn(n, n, |i, j| rows[i][j]);
     if joint_per_motor(&matrix).is_none() {
         value.refuse(
-            "is singular: some motors only repeat what others do".into(),
+            "is singular: some motors only repeat the motion of others".into(),
             Some("theta_motor = R q, with the gear ratios on the diagonal".into()),
         );
         return None;
@@ -130,7 +133,7 @@ fn coupling_of(
     matrix: &DMatrix<f64>,
 ) -> Option<Coupling> {
     if [joint, motor].iter().any(|j| joints[j.index()].kind != JointKind::Revolute) {
-        table.refuse("both joints must turn".into(), None);
+        table.refuse("both joints must be revolute".into(), None);
         return None;
     }
     let ratio = matrix[(motor.index(), joint.index())] / matrix[(motor.index(), motor.index())];

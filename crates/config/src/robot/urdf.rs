@@ -52,7 +52,8 @@ pub(crate) struct UrdfJoint {
 /// # Errors
 /// The fault of the file, in words.
 pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, String> {
-    let mut robot = urdf_rs::read_from_string(text).map_err(|error| format!("is no URDF: {error}"))?;
+    let mut robot =
+        urdf_rs::read_from_string(text).map_err(|error| format!("is not a URDF file: {error}"))?;
     let mut remarks: Vec<String> = exact_angles(&mut robot).into_iter().collect();
     let tree = Tree::new(robot)?;
     let tip = tree.tip(tip)?;
@@ -97,7 +98,8 @@ fn exact_angles(robot: &mut urdf_rs::Robot) -> Option<String> {
     }
     (!rounded.is_empty()).then(|| {
         format!(
-            "angles within 0.006 degrees of a multiple of 90 degrees are rounded and count as exact: origin of joint{} {}",
+            "angles within 0.006 degrees of a multiple of 90 degrees are rounded and taken as exact: origin \
+            of joint{} {}",
             if rounded.len() == 1 { "" } else { "s" },
             rounded.join(", ")
         )
@@ -116,12 +118,12 @@ impl Tree {
         for joint in &robot.joints {
             for end in [&joint.parent.link, &joint.child.link] {
                 if !links.contains(end.as_str()) {
-                    return Err(format!("joint {} names the link {end}, which there is not", joint.name));
+                    return Err(format!("joint {} names the missing link {end}", joint.name));
                 }
             }
             if parents.insert(&joint.child.link, &joint.parent.link).is_some() {
                 return Err(format!(
-                    "link {} hangs on two joints: loops are not understood",
+                    "link {} is the child of two joints: loops are not supported",
                     joint.child.link
                 ));
             }
@@ -129,7 +131,7 @@ impl Tree {
         let mut roots = robot.links.iter().filter(|link| !parents.contains_key(link.name.as_str()));
         let root = match (roots.next(), roots.next()) {
             (Some(root), None) => root.name.clone(),
-            (None, _) => return Err("has no base: every link hangs on another".into()),
+            (None, _) => return Err("has no base: every link is the child of another".into()),
             (Some(a), Some(b)) => return Err(format!("has two bases, {} and {}", a.name, b.name)),
         };
         Ok(Self { robot, root })
@@ -167,10 +169,7 @@ impl Tree {
         };
         let longest = chains.iter().map(|path| moving(path)).max_by_key(Vec::len).unwrap_or_default();
         if chains.iter().any(|path| !longest.starts_with(&moving(path))) {
-            return Err(format!(
-                "branches: say with tip_link which chain is meant, one of {}",
-                leaves.join(", ")
-            ));
+            return Err(format!("branches: choose the chain with tip_link, one of {}", leaves.join(", ")));
         }
         let last = self.robot.joints.iter().find(|joint| Some(&joint.name) == longest.last());
         Ok(last.map_or_else(|| self.root.clone(), |joint| joint.child.link.clone()))
@@ -185,7 +184,7 @@ impl Tree {
             let joint = self.robot.joints.iter().find(|joint| joint.child.link == at);
             let joint = joint.filter(|_| path.len() < self.robot.joints.len());
             let joint =
-                joint.ok_or_else(|| format!("link {link} does not hang on the base {}", self.root))?;
+                joint.ok_or_else(|| format!("link {link} is not connected to the base {}", self.root))?;
             path.push(joint);
             at = &joint.parent.link;
         }
@@ -215,8 +214,8 @@ impl Tree {
                 Err(reason) => {
                     is_known = false;
                     remarks.push(format!(
-                        "the inertial tag of link {name} is ignored: {reason}; comparisons with nominal values and the \
-                         simulator go without the body of this joint"
+                        "the inertial tag of link {name} is ignored: {reason}; comparisons with nominal \
+                        values and the simulator omit the body of this joint"
                     ));
                 }
             }
@@ -260,7 +259,7 @@ fn moving_kind(joint: &urdf_rs::Joint) -> Result<Option<JointKind>, String> {
     use urdf_rs::JointType;
     if joint.mimic.is_some() {
         return Err(format!(
-            "joint {} mimics another: a joint without a motor of its own cannot be in the chain; choose another tip_link",
+            "joint {} mimics another: a joint without its own motor cannot be in the chain; choose another tip_link",
             joint.name
         ));
     }
@@ -299,7 +298,7 @@ fn read_joint(
     };
     let finite = [placement.translation.norm(), placement.rotation.norm()].iter().all(|x| x.is_finite());
     if !finite {
-        return Err(format!("joint {} has an origin that is no number", joint.name));
+        return Err(format!("joint {} has an origin that is not a number", joint.name));
     }
     let dynamics = joint.dynamics.clone().unwrap_or_default();
     let origin = UrdfOrigin { xyz: joint.origin.xyz.0, rpy: joint.origin.rpy.0, axis: joint.axis.xyz.0 };

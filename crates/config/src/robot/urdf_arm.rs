@@ -81,7 +81,7 @@ fn tables_by_joint<'d>(sections: &[Value<'d>], joints: &[UrdfJoint]) -> Option<V
         match joints.iter().position(|joint| joint.name == name) {
             Some(i) if tables[i].is_none() => tables[i] = Some(table),
             Some(_) => {
-                value.refuse("stands here twice".into(), None);
+                value.refuse("is listed twice".into(), None);
                 sound = false;
             }
             None => {

@@ -115,8 +115,8 @@ impl Document<'_> {
         problems.sort_by_key(|p| (p.line, p.column));
         problems.extend(self.adopted.into_inner());
         if problems.is_empty() {
-            // Only a reader that fails without noting a problem leads here; report the known facts.
-            return ConfigErrors::of_file(self.file, "could not be understood".into(), None);
+            // Only a reader that gives up without a word leads here; say what is known.
+            return ConfigErrors::of_file(self.file, "could not be read".into(), None);
         }
         ConfigErrors(problems)
     }

@@ -123,7 +123,7 @@ pub(crate) fn refuse_outside(file: &File, path: &Path) -> io::Result<()> {
 }
 
 /// Why a link is not followed.
-pub(crate) const LEADS_OUT: &str = "a link that leads out of the watched folder";
+pub(crate) const LEADS_OUT: &str = "a link to a place outside the watched folder";
 
 /// Remedy of [`LEADS_OUT`].
 pub(crate) const LEADS_OUT_REMEDY: &str =
@@ -173,7 +173,7 @@ mod tests {
         }
         for name in ["inbox/link.csv", "inbox/chain.csv", "inbox/folder/a.csv"] {
             let error = access.during(|| regular_file(&path(name))).unwrap_err();
-            assert!(error.to_string().contains("leads out of the watched folder"), "{name}: {error}");
+            assert!(error.to_string().contains("to a place outside the watched folder"), "{name}: {error}");
             assert!(regular_file(&path(name)).is_ok(), "{name}, which a person named");
         }
         // the folder becomes a link after the scan that found its file

@@ -183,11 +183,11 @@ impl<R: Read> BagText<R> {
     fn end_early(&mut self, error: &str) -> io::Result<()> {
         if self.columns.is_none() {
             self.ended = true;
-            let reason = format!("a damaged MCAP bag without a whole message of joint states ({error})");
+            let reason = format!("a damaged MCAP bag without a complete message of joint states ({error})");
             return Err(unreadable(reason, "copy the bag again, or record it again"));
         }
         let path = text::of_path(&self.path);
-        tracing::warn!(%path, error, "the bag is damaged; its whole messages before the damage are read");
+        tracing::warn!(%path, error, "the bag is damaged; its complete messages before the damage are read");
         self.text.extend_from_slice(LOST);
         self.end()
     }

@@ -429,14 +429,14 @@ fn line_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
 fn wide(path: &Path, encoding: Wide) -> Rejection {
     let reason = format!("text that is not UTF-8; it looks like {}", encoding.name());
     let remedy = match encoding {
-        Wide::Utf16Le | Wide::Utf16Be => "export as UTF-8, or leave encoding out of the layout",
+        Wide::Utf16Le | Wide::Utf16Be => "export as UTF-8, or remove encoding from the layout",
         Wide::Utf32Le | Wide::Utf32Be => "export as UTF-8",
     };
     Rejection::of_file(path, reason, remedy)
 }
 
 fn bare_returns(path: &Path) -> Rejection {
-    Rejection::of_file(path, "lines that end with carriage returns alone", "export with LF or CRLF line ends")
+    Rejection::of_file(path, "lines that end only with carriage returns", "export with LF or CRLF line ends")
 }
 
 #[cfg(test)]
@@ -578,7 +578,7 @@ mod tests {
             Blocks::new(endless, BLOCK_BYTES, TextEncoding::Auto).next_line(path).unwrap_err().reason
         };
         assert_eq!(&*reason(b"7".to_vec()), "a line longer than 1024 KiB");
-        assert!(reason(b"77\r77".to_vec()).starts_with("lines that end with carriage"));
+        assert!(reason(b"77\r77".to_vec()).starts_with("lines that end only with carriage"));
         assert!(reason(b"777\0".to_vec()).starts_with("NUL bytes"));
         let mut cutter = Blocks::new((&b"time\n1\n"[..]).chain(std::io::repeat(0)), 10, TextEncoding::Auto);
         first_text(&mut cutter);

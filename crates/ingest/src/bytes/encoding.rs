@@ -294,8 +294,8 @@ fn told(head: &[u8], declared: TextEncoding) -> io::Result<(Told, usize)> {
     let ascii = head.len() == HEAD_BYTES && head.iter().all(|byte| (b' '..=b'~').contains(byte));
     if ascii && matches!(declared, TextEncoding::Utf16Le | TextEncoding::Utf16Be) {
         return Err(io::Error::other(Unreadable {
-            reason: format!("text with one byte a character, and the layout says {}", declared.name()),
-            remedy: "leave encoding out of the layout, so that it is told by the file".into(),
+            reason: format!("text with one byte per character, but the layout has {}", declared.name()),
+            remedy: "remove encoding from the layout, so that it is detected in each file".into(),
         }));
     }
     Ok((told, 0))
@@ -432,7 +432,7 @@ mod tests {
         assert_eq!(read(&utf16(chinese, true, true)[..], TextEncoding::Utf16Le, 5).0, chinese.as_bytes());
         assert_eq!(read("ä".as_bytes(), TextEncoding::Windows1252, 5).0, "Ã¤".as_bytes());
         let error = TextReader::new(&b"time,pos\n"[..], TextEncoding::Utf16Le).read(&mut [0; 9]).unwrap_err();
-        assert!(error.to_string().contains("one byte a character"), "{error}");
+        assert!(error.to_string().contains("one byte per character"), "{error}");
     }
 
     #[test]

@@ -229,7 +229,7 @@ fn a_trace_whose_files_do_not_fit_says_so() {
     for (rejection, said) in [
         (
             written(|text, _| *text = text.replacen("221,1\r", "221,0\r", 1)),
-            "\"221,0\", has a value that is not known",
+            "\"221,0\", has an unknown value",
         ),
         (
             written(|text, _| *text = text.replacen("221,1\r", "221,23\r", 1)),
@@ -241,7 +241,7 @@ fn a_trace_whose_files_do_not_fit_says_so() {
         ),
         (
             written(|text, _| *text = text.replacen("220,50", "220,99999999999999999999", 2)),
-            "has a value that is not known",
+            "has an unknown value",
         ),
         (written(|text, _| *text = text.replace("EXPLIZIT", "IMPLIZIT")), "without a channel in a file"),
         (written(|text, _| text.truncate(text.len() - 30)), "ends within a channel"),
@@ -283,7 +283,7 @@ fn slower_and_later_channels_of_a_scope_export_hold_their_last_value() {
     assert_eq!(text_of(&path).expect("a text"), expected);
     for (damage, said) in [
         (text.replace("\n4\t", "\nx\t"), "line 10 has \"x\" in the place of a time"),
-        (text.replace("\n8\t8", "\n1\t8"), "line 12 has the time 1 ms behind a later one"),
+        (text.replace("\n8\t8", "\n1\t8"), "line 12 has the time 1 ms after a later one"),
         (text.replace("\n8\t8", "\n\t"), "line 13 has a time after the end of its channel"),
         (text.replace("\nName\tfast", "\nNames\tfast"), "should be before a line of names"),
         (text.replace("Name\tslow", &"x".repeat(2 << 20)), "is longer than 1 MiB"),

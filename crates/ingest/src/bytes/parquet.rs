@@ -58,7 +58,7 @@ const HASHED_BYTES: usize = 1 << 20;
 const ROWS_AT_ONCE: usize = 1024;
 
 /// The cells of a column whose type is not read: a layout that names it fails with this text.
-const NOT_READ: &str = "(a type that is not read)";
+const NOT_READ: &str = "(an unsupported type)";
 
 const REMEDY: &str = "copy the export again, or write it again";
 
@@ -274,7 +274,7 @@ impl ColumnChunk {
             [Compression::Uncompressed, Compression::Snappy, Compression::Zstd, Compression::Lz4Raw];
         if form != CellForm::Other && !readable.contains(&chunk.compression()) {
             let reason =
-                format!("a Parquet file with {:?} compression, which is not read", chunk.compression());
+                format!("a Parquet file with {:?} compression, which is not supported", chunk.compression());
             return Err(unreadable(reason, "write it with zstd, snappy, LZ4_RAW or without compression"));
         }
         let descriptor = chunk.descriptor().descriptor.clone();

@@ -251,10 +251,10 @@ impl<R: Read> ScopeText<R> {
                 return Err(self.fault("has a time after the end of its channel"));
             }
             let Some(number) = self.number(time) else {
-                return Err(self.fault(&format!("has \"{}\" in the place of a time", time.escape_debug())));
+                return Err(self.fault(&format!("has \"{}\" instead of a time", time.escape_debug())));
             };
             if number < self.groups[at].latest {
-                return Err(self.fault(&format!("has the time {number} ms behind a later one")));
+                return Err(self.fault(&format!("has the time {number} ms after a later one")));
             }
             let mut text = String::new();
             for channel in 1..=channels {
@@ -269,7 +269,8 @@ impl<R: Read> ScopeText<R> {
             group.waiting.push_back(sample);
         }
         if self.waiting_bytes > MOST_WAITING {
-            let reason = "a TwinCAT Scope export whose channels stand so far apart that too many values wait";
+            let reason =
+                "a TwinCAT Scope export whose channels differ so much in time that too many values wait";
             return Err(unreadable(reason.to_owned(), "export with one sample time for all channels"));
         }
         Ok(())

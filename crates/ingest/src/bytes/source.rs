@@ -150,13 +150,13 @@ fn format(head: &[u8]) -> Format {
         [0x28, 0xB5, 0x2F, 0xFD, ..] => Format::Zstandard,
         // A zstd stream may begin with a skippable frame, marked 0x184D2A50 to 0x184D2A5F.
         [0x50..=0x5F, 0x2A, 0x4D, 0x18, ..] => Format::Zstandard,
-        [b'P', b'A', b'R', b'E', ..] => Format::Other("an encrypted Parquet file, which is not read"),
+        [b'P', b'A', b'R', b'E', ..] => Format::Other("an encrypted Parquet file, which is not supported"),
         _ if head.starts_with(&parquet::MAGIC) => Format::Parquet,
         _ if head.starts_with(&bag::MAGIC) => Format::Bag,
         _ if trace::is_header(head) => Format::Trace,
         [b'P', b'K', 3, 4, ..] => Format::Other("a zip archive or spreadsheet, not a CSV export"),
-        [0xFD, b'7', b'z', b'X', b'Z', 0, ..] => Format::Other("xz compression, which is not read"),
-        [b'B', b'Z', b'h', b'1'..=b'9', ..] => Format::Other("bzip2 compression, which is not read"),
+        [0xFD, b'7', b'z', b'X', b'Z', 0, ..] => Format::Other("xz compression, which is not supported"),
+        [b'B', b'Z', b'h', b'1'..=b'9', ..] => Format::Other("bzip2 compression, which is not supported"),
         [b'7', b'z', 0xBC, 0xAF, ..] => Format::Other("a 7z archive, not a CSV export"),
         _ => Format::Plain,
     }

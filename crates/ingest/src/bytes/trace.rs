@@ -160,10 +160,14 @@ impl TraceText {
                         Some(known) if *known == (of.shown(None), offset, factor) => continue,
                         Some(_) => {
                             let reason = format!(
-                                "channel {} counts otherwise than the first time of the trace",
+                                "channel {} does not count like the first time of the trace",
                                 of.name
                             );
-                            return Err(Rejection::of_file(&header, reason, "trace all drives at one rate"));
+                            return Err(Rejection::of_file(
+                                &header,
+                                reason,
+                                "trace all drives at the same rate",
+                            ));
                         }
                     },
                     Some(_) => of.shown(drive_of(&stem).map(|_| drive)),
@@ -311,8 +315,8 @@ fn described(path: &Path) -> io::Result<Described> {
             }
             "#BEGINCHANNELHEADER" => {
                 return Err(damaged(&format!(
-                    "a header of a trace whose line {number} begins a channel in another, or \
-                                             one more than {MOST_CHANNELS}"
+                    "a header of a trace whose line {number} begins a channel inside another one, or \
+                    exceeds {MOST_CHANNELS} channels"
                 )));
             }
             "#ENDCHANNELHEADER" => found.channels.extend(open.take()),
@@ -322,7 +326,7 @@ fn described(path: &Path) -> io::Result<Described> {
                 match &mut open {
                     Some(channel) => channel.take(key, value).ok_or_else(|| {
                         damaged(&format!(
-                            "a header of a trace whose line {number}, \"{}\", has a value that is not known",
+                            "a header of a trace whose line {number}, \"{}\", has an unknown value",
                             text::shown(line)
                         ))
                     })?,

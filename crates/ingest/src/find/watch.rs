@@ -25,8 +25,8 @@ use armwatch_model::text;
 /// Deepest folder below a watched one. Exports are a few folders deep; a mount inside itself would never end.
 const MAX_DEPTH: usize = 32;
 
-/// Why a folder at too great a depth is not scanned.
-const TOO_DEEP: &str = "a folder that lies more than 32 folders below the watched one";
+/// Why a folder with more folders around it is not looked into.
+const TOO_DEEP: &str = "a folder more than 32 levels below the watched one";
 
 /// An export that a scan found.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -292,9 +292,7 @@ impl Complaints {
     /// Logs the new ones as warnings.
     pub fn warn(&mut self, scan: &Scan) {
         for place in self.fresh(scan) {
-            tracing::warn!(
-                "cannot look into a watched place: {place}; it is looked at again with every scan"
-            );
+            tracing::warn!("cannot read a watched place: {place}; every scan tries again");
         }
         for place in self.newly_skipped(scan) {
             tracing::warn!("skipped: {place}");
@@ -340,7 +338,7 @@ pub fn watch_folders(folders: &[PathBuf], sender: mpsc::Sender<()>) -> FolderWat
     let config = notify::Config::default().with_follow_symlinks(false);
     let watcher = RecommendedWatcher::new(handler, config)
         .inspect_err(|error| {
-            tracing::warn!(%error, "no file events on this system; new exports are found by the periodic scan");
+            tracing::warn!(%error, "no file events on this system; the periodic scan finds new exports");
         })
         .ok();
     let mut watch = FolderWatch {
@@ -375,7 +373,7 @@ impl FolderWatch {
                     if self.failed.insert(folder.clone()) {
                         tracing::warn!(
                             path = %text::of_path(folder), %error,
-                            "cannot watch the folder; new exports in it are found by the periodic scan"
+                            "cannot watch the folder; the periodic scan finds new exports in it"
                         );
                     }
                 }
@@ -494,7 +492,7 @@ mod tests {
         assert_eq!(skipped, ["R04.csv", "R05.csv", "folder", "sub/R06.csv", "sub/folder"]);
         let said = Skipped::LeadsOut { path: "R04.csv".into(), target: "/etc/token".into() }.to_string();
         assert!(
-            said.contains("leads out of the watched folder, to /etc/token; ")
+            said.contains("to a place outside the watched folder, to /etc/token; ")
                 && said.contains("follow_links")
         );
         let (files, skipped) = at(true);
@@ -523,7 +521,7 @@ mod tests {
         assert_eq!((scan.files.len(), scan.skipped.len()), (1, 1));
         let mut complaints = Complaints::default();
         let said = complaints.newly_skipped(&scan)[0].to_string();
-        assert!(said.contains("more than 32 folders below the watched one"), "{said}");
+        assert!(said.contains("more than 32 levels below the watched one"), "{said}");
         assert!(complaints.newly_skipped(&scan).is_empty());
     }
 

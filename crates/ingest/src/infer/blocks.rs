@@ -117,8 +117,10 @@ fn of_blocks<'h>(
     };
     let count = || {
         (!is_count_known).then(|| {
-            format!("{n} columns in a row have their derivatives in others. Are these all joints, and nothing else? \
-                     --description gives their number")
+            format!(
+                "{n} columns in a row have their derivatives in others. Are these exactly the joints? \
+                --description gives their number"
+            )
         })
     };
     let position = found(blocks.position, "no names; their derivatives are in other columns", count());
@@ -156,7 +158,7 @@ fn of_blocks<'h>(
             .collect();
         let question = (!rivals.is_empty()).then(|| {
             format!(
-                "columns {} to {} may hold the torques, and so may {}. Which ones do?",
+                "columns {} to {} or {} may hold the torques. Which ones do?",
                 best + 1,
                 best + n,
                 rivals.join(", ")
@@ -179,8 +181,8 @@ fn may_be_torque(values: Option<&[f64]>) -> bool {
 /// is a question.
 fn by_place<'h>(head: &'h Head, columns: &[Option<&'h [f64]>], n: usize) -> Joints<'h> {
     let first = columns.iter().take(3).position(|values| values.is_some() && !rises(*values)).unwrap_or(0);
-    let question = "no column is the derivative of another, so only their place says so: positions first, then torques. Is \
-                    it so?";
+    let question = "no column is the derivative of another, so this follows only from their order: \
+        positions first, then torques. Is this right?";
     let found = |start: usize| -> Option<Found<'h>> {
         let of: Vec<usize> = (start..start + n).collect();
         Some(Found {
@@ -188,7 +190,7 @@ fn by_place<'h>(head: &'h Head, columns: &[Option<&'h [f64]>], n: usize) -> Join
             values: columns.get(start..start + n)?.iter().copied().collect::<Option<_>>()?,
             columns: of,
             said: Said::default(),
-            why: "no names: by their place".to_owned(),
+            why: "no names: by their order".to_owned(),
             question: Some(question.to_owned()),
         })
     };

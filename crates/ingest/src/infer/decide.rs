@@ -118,9 +118,11 @@ fn rest_section(head: &Head, joints: &Joints<'_>, used: &[usize]) -> Section {
                 (Some((_, what)), _) => what,
                 (None, Said { kind: Some(Kind::Other(what)), .. }) => what,
                 (None, Said { kind: Some(Kind::Temperature), .. }) => {
-                    "a temperature, not told to be the motors' or the hall's"
+                    "a temperature, but not known if of motors or ambient"
                 }
-                (None, Said { intent: Some(_), .. }) => "by its name wanted or calculated, not measured",
+                (None, Said { intent: Some(_), .. }) => {
+                    "by its name a command or a calculated value, not measured"
+                }
                 _ => return column.name.clone(),
             };
             format!("{} ({what})", column.name)

@@ -177,14 +177,14 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
     let no_table = || {
         Rejection::of_file(
             path,
-            "no table of numbers with three columns or more",
+            "no table of numbers with at least three columns",
             "check that this is a CSV export; delimiters may be , ; tab | and blanks",
         )
     };
     let only_returns = || lines().next().is_some_and(|line| line.contains('\r')) && !text.contains('\n');
     if only_returns() {
         let remedy = "convert it, for example with `tr '\\r' '\\n'`, or export with line ends of LF or CRLF";
-        return Err(Rejection::of_file(path, "the lines end with CR alone", remedy));
+        return Err(Rejection::of_file(path, "the lines end only with CR", remedy));
     }
     let sample: Vec<&str> = lines().take(FORMAT_LINES).collect();
     let format = format(&sample).ok_or_else(no_table)?;
@@ -406,7 +406,7 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: HeadFormat, encod
     let by_number = at.and_then(|at| match above.records[at].lines {
         _ if is_short => Some("there are fewer names than columns"),
         1 => None,
-        _ => Some("the names have line ends in them"),
+        _ => Some("the names contain line ends"),
     });
     // a note after the last name leaves the names in place; a number may belong to a column before the first
     let header = names.is_some() && !(is_short && columns[used - 1].values.is_some());

@@ -132,8 +132,8 @@ fn chosen<'h>(
     let mut doubts = Vec::new();
     if let Some(word) = best.said.intent {
         doubts.push(format!(
-            "the name says {word:?}, and no other column was measured by its name. A value that the controller wants or \
-             calculates shows no wear. Are these the measured {what}?"
+            "the name says {word:?}, and no other column was measured by its name. A value that the \
+            controller commands or calculates shows no wear. Are these the measured {what}?"
         ));
     }
     // next to a moving measured channel, an unmeasured one is not a candidate
@@ -147,7 +147,8 @@ fn chosen<'h>(
             _ => "",
         };
         doubts.push(format!(
-            "{} sets may hold the {what}: {}{still}, and {}. Which one was measured at the joints of this arm?",
+            "{} sets of columns may hold the {what}: {}{still}, and {}. Which set was measured at the \
+            joints of this arm?",
             shown.len() + 1,
             best.set.shown(head),
             shown.join(", ")
@@ -202,7 +203,7 @@ pub(super) fn is_derivative_of_all(columns: &[&[f64]], derivatives: &[&[f64]]) -
 const ONE_FACTOR: f64 = 0.05;
 
 fn named(set: &Set, said: &Said) -> String {
-    let side = if said.is_motor { ", and that they are the motors'" } else { "" };
+    let side = if said.is_motor { ", and that they belong to the motors" } else { "" };
     let unit = said.unit.filter(|_| !said.is_unit_shipped);
     let unit = unit.map_or_else(String::new, |unit| format!(", and gives the unit {unit}"));
     let name = match set.order {

@@ -51,7 +51,7 @@ pub(super) fn time_section(
             .asked_if(question.as_ref()),
     );
     if let (None, false) = (&question, time.others.is_empty()) {
-        section.comments.push(format!("The same time is in {}.", listed_times(head, time)));
+        section.comments.push(format!("The same time is also in {}.", listed_times(head, time)));
     }
     if let Some(form) = column.time_forms.key() {
         section.keys.push(form);
@@ -60,7 +60,7 @@ pub(super) fn time_section(
     let step = units.figures.step.unwrap_or(0.0);
     match (units.known.time, units.choice(), slope) {
         (Some(unit), ..) => {
-            section.keys.push(TomlKey::decided("unit", quoted(unit)).because("the name says so"));
+            section.keys.push(TomlKey::decided("unit", quoted(unit)).because("from the name"));
         }
         (None, Some(choice), _) if units.times().len() > 1 => {
             let question = format!(
@@ -73,7 +73,7 @@ pub(super) fn time_section(
         }
         (None, Some(choice), Some(_)) if choice.time.0 == units::TICKS => {
             let reason = format!(
-                "no unit of time goes with the velocities; they are the change of position over {:.6} s a count",
+                "no unit of time fits the velocities; they are the change of position over {:.6} s per count",
                 choice.time.1
             );
             section.keys.push(TomlKey::decided("unit", quoted(units::TICKS)).because(&reason));
@@ -90,8 +90,8 @@ pub(super) fn time_section(
         }
         (None, None, Some(slope)) => {
             let question = format!(
-                "rows are {} apart, and no unit of time goes with the velocities: as rad/s over rad, or deg/s over deg, a \
-                 count would be {} s. In which unit is it?",
+                "rows are {} apart, and no unit of time fits the velocities: with rad/s and rad, or deg/s \
+                and deg, a count would be {} s. In which unit is it?",
                 rounded(step),
                 rounded(slope.ratio.abs().recip())
             );
@@ -131,8 +131,8 @@ fn unreadable_time(head: &Head, at: usize) -> String {
         format!(" and falls from {} to {} after row {}", rounded(pair[0]), rounded(pair[1]), row + 1)
     });
     format!(
-        "column {name} is called a time, stands still in {stands} of {} rows{fall}. How is it to be read? Without a time, \
-         missing rows cannot be seen",
+        "column {name} is called a time, but does not change in {stands} of {} rows{fall}. How must it be \
+        read? Without a time, missing rows cannot be seen",
         values.len()
     )
 }
@@ -142,8 +142,8 @@ fn other_times(head: &Head, time: &Time<'_>) -> Option<String> {
     let apart = |(_, distance): &&(usize, f64)| *distance != 0.0;
     let most = time.others.iter().filter(apart).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
     Some(format!(
-        "other columns hold a time too: {}. That of column {} differs by {} in the column's unit. Is this time that of the \
-         positions? Channels that were recorded later have delay_s",
+        "other columns also have a time: {}. That of column {} differs by {} in the column's unit. Does \
+        this time belong to the positions? Channels that were recorded later have delay_s",
         listed_times(head, time),
         head.reference(most.0),
         rounded(most.1)
@@ -170,23 +170,23 @@ fn sample_rate(units: &Units, slope: Option<Slope>, hints: Hints<'_>) -> TomlKey
             "{given:?} Hz were given, and the velocities are the change of position from row to row at {fits:?} Hz. Which is \
              right?"
         )),
-        (Some(given), ..) => key(given).because("as it was given"),
+        (Some(given), ..) => key(given).because("as given"),
         (None, Some(fits), Some(_)) => {
             let reason =
-                "no column rises; velocities are the change of position from row to row at this rate";
+                "no column increases; velocities are the change of position from row to row at this rate";
             match units.rates.as_slice() {
                 [_] => key(fits).because(reason),
                 [_, others @ ..] => {
                     let others: Vec<String> = others.iter().map(|rate| format!("{:?}", rounded(*rate))).collect();
                     key(fits).because(reason).asked(&format!(
-                        "other units would go with {} Hz. How many rows are there a second?",
+                        "other units would fit {} Hz. How many rows are there per second?",
                         others.join(" or ")
                     ))
                 }
                 [] => key(fits),
             }
         }
-        _ => key(250.0).open("no column rises from row to row: how many rows are there a second?"),
+        _ => key(250.0).open("no column increases from row to row: how many rows are there per second?"),
     }
 }
 
@@ -201,12 +201,12 @@ fn restart(values: &[f64]) -> Option<TomlKey> {
         return None;
     }
     let reason =
-        format!("it falls from {} to {}, and {} times in all", falls[0][0], falls[0][1], falls.len());
+        format!("it falls from {} to {}, and {} times in total", falls[0][0], falls[0][1], falls.len());
     let key = TomlKey::decided("restarts", "true".to_owned()).because(&reason);
     // a counter always falls from the same value
     Some(match falls.iter().any(|pair| (pair[0] - falls[0][0]).abs() > 2.0 * step) {
         true => key,
-        false => key.asked("does the file hold several recordings, each of which begins there?"),
+        false => key.asked("does the file have several recordings, one beginning at each of these rows?"),
     })
 }
 
@@ -219,14 +219,15 @@ fn wrap(values: &[f64]) -> Option<TomlKey> {
     let key = TomlKey::decided("wraps_at", period.unwrap_or(1 << 32).to_string()).because(&reason);
     Some(match period {
         Some(_) => key,
-        None => key.asked("is this a counter that began anew, and after how many?"),
+        None => key.asked("is this a counter that started again, and after how many counts?"),
     })
 }
 
 fn joint_question(title: &'static str, count: usize) -> Section {
-    let names = if count == 0 { "no name of a column says so" } else { "no name of as many columns says so" };
+    let names =
+        if count == 0 { "no column name shows this" } else { "no name of as many columns shows this" };
     let question = format!(
-        "which columns hold the {title}s? {names}; --description or --robot helps where columns have no names"
+        "which columns hold the {title}s? {names}; --description or --robot helps if columns have no names"
     );
     let key = TomlKey::decided("columns", "[..]").open(&question);
     Section { title: Some(title), comments: Vec::new(), keys: vec![key] }
@@ -250,14 +251,14 @@ pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
         (None, Some(choice)) => TomlKey::decided("unit", quoted(choice.position.0))
             .because(&(units.by_numbers() + &units.alternatives())),
         (None, None) => TomlKey::decided("unit", quoted("rad")).asked(&format!(
-            "positions reach {:.4}: rad, deg or rev? No unit goes with the limits and velocities",
+            "positions reach {:.4}: rad, deg or rev? No unit fits the limits and velocities",
             units.figures.position
         )),
     });
     if found.said.is_motor || units.beyond_limits {
         let reason = match units.beyond_limits {
-            true => "positions are far beyond the arm's limits in any unit: motors turn so",
-            false => "the name says motor",
+            true => "positions are far beyond the arm's limits in any unit, as for motors",
+            false => "the name contains motor",
         };
         keys.push(TomlKey::decided("side", quoted("motor")).because(reason));
     }
@@ -287,7 +288,7 @@ pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slop
         .map(|slope| if slope.is_some_and(|slope| slope.ratio < 0.0) { "-1" } else { "1" })
         .collect();
     if signs.contains(&"-1") {
-        let reason = "these velocities are against the change of position";
+        let reason = "these velocities have the opposite sign of the change of position";
         keys.push(TomlKey::decided("sign", format!("[{}]", signs.join(", "))).because(reason));
     }
     Some(Section { title: Some("velocity"), comments: Vec::new(), keys })
@@ -320,17 +321,20 @@ pub(super) fn torque_section(
         unit,
     ];
     if needs_gain {
-        keys[1].reasons.push("the robot's description must turn it into torque: docs/exports.md".into());
+        keys[1]
+            .reasons
+            .push("the description of the robot must convert it to torque: docs/exports.md".into());
     }
     if of_maker && found.said.kind == Some(Kind::Current) && !has_gains(hints) {
         keys[1].question = Some(
-            "currents become torques by drive_gain_nm_a of each joint of the description, and the maker publishes none. Does \
-             the description have them? `armwatch robot drive-gains` finds them"
+            "currents become torques by drive_gain_nm_a of each joint of the description, and the \
+            manufacturer publishes none. Does the description have them? `armwatch robot drive-gains` \
+            estimates them"
                 .into(),
         );
     }
     if found.said.is_motor {
-        keys.push(TomlKey::decided("side", quoted("motor")).because("the name says motor"));
+        keys.push(TomlKey::decided("side", quoted("motor")).because("the name contains motor"));
     }
     Section { title: Some("torque"), comments: Vec::new(), keys }
 }
@@ -371,13 +375,14 @@ fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlK
             TomlKey::decided("unit", quoted(unit)).because(unit_reason(found))
         }
         (_, Some(Kind::Current)) if most >= LEAST_MILLIAMPERES => TomlKey::decided("unit", quoted("mA")).asked(&format!(
-            "a current without unit: A or mA? The largest is {most:.4}, more than the motors of an arm take in A"
+            "a current without unit: A or mA? The largest is {most:.4}, more than the motors of an arm draw in A"
         )),
         (_, Some(Kind::Current)) => TomlKey::decided("unit", quoted("A"))
             .because(&format!("a current without unit; the largest is {most:.4}")),
         _ if size.is_some_and(|size| !size.is_like_torque()) => {
-            let what = if named_torque { "the name says torque, and the numbers are not as large as torques in Nm" }
-                else { "no name says what these are, and they are not as large as torques in Nm" };
+            let what = if named_torque { "the name contains torque, but the numbers are not as large as \
+                torques in Nm" }
+                else { "no name identifies these, and they are not as large as torques in Nm" };
             TomlKey::decided("unit", quoted("Nm"))
                 .asked(&format!("{what}{compared}. Currents in A, or % or permille of rated?"))
         }
@@ -385,13 +390,16 @@ fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlK
             "a torque without unit; the largest is {most:.4}{compared}. Not % or permille of rated?"
         )),
         _ if has_gains(hints) => TomlKey::decided("unit", quoted("A")).asked(&format!(
-            "no name says whether these are torques in Nm or currents in A, and the description has drive gains, which \
-             currents need; the largest is {most:.4}{compared}"
+            "the names do not distinguish torques in Nm from currents in A, and the description has drive \
+            gains, which currents need; the largest is {most:.4}{compared}"
         )),
         _ if size.is_some() => TomlKey::decided("unit", quoted("Nm"))
-            .because(&format!("no name says so; they are as large as the arm's torques: {}", compared.trim_start_matches("; "))),
+            .because(&format!(
+                "no name shows this; they are as large as the torques of the arm: {}",
+                compared.trim_start_matches("; ")
+            )),
         _ => TomlKey::decided("unit", quoted("Nm")).asked(&format!(
-            "no name says whether these are torques in Nm, currents in A or % of rated; the largest is {most:.4}"
+            "the names do not distinguish torques in Nm, currents in A and % of rated; the largest is {most:.4}"
         )),
     }
 }

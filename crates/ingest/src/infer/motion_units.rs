@@ -161,7 +161,7 @@ impl Units {
         others.dedup();
         match others.is_empty() {
             true => String::new(),
-            false => format!("; {} would go as well and is less usual", others.join(" or ")),
+            false => format!("; {} would fit too, but is less common", others.join(" or ")),
         }
     }
 }

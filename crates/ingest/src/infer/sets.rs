@@ -8,8 +8,9 @@ use super::section::quoted;
 use armwatch_model::robot::Robot;
 
 /// Question about a set whose order only [`Order::Place`] gives.
-pub(super) const ORDER_QUESTION: &str = "the columns stand in the order of the export. Is that the order of the joints from the base outwards? A description \
-     with the names of the joints (--description) tells it";
+pub(super) const ORDER_QUESTION: &str = "the columns are in the order of the export. Is this the order of \
+    the joints from the base outwards? A description with the names of the joints (--description) \
+    determines it";
 
 /// Evidence for the order of the columns of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

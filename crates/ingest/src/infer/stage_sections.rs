@@ -113,7 +113,7 @@ fn of_numbers(
 }
 
 const BY_MOTION: &str =
-    "by the motion: joints one by one are friction, all together excitation and, later, warming";
+    "by the motion: single joints are friction, all joints together are excitation and, later, warming";
 
 fn of_words(column: usize, is_named: bool, words: &Words, speeds: &[Vec<f64>]) -> Option<StageColumn> {
     let changes = words.rows.windows(2).filter(|pair| pair[0] != pair[1]).count();
@@ -132,7 +132,7 @@ fn of_words(column: usize, is_named: bool, words: &Words, speeds: &[Vec<f64>]) -
     let (meaning, reason) = match said.filter(|_| is_sure) {
         Some(said) => {
             let [between, excitation, friction, warming] = [0, 1, 2, 3].map(|stage| of_stage(&said, stage));
-            (Some(Meaning { between, excitation, friction, warming }), "the words say so")
+            (Some(Meaning { between, excitation, friction, warming }), "from the words")
         }
         None => (stages::by_motion(&under), BY_MOTION),
     };
@@ -143,8 +143,8 @@ fn of_words(column: usize, is_named: bool, words: &Words, speeds: &[Vec<f64>]) -
 pub(super) fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals) -> Section {
     let mut section = Section { title: Some("stage"), ..Section::default() };
     let Some((best, rivals)) = signals.stage.split_first() else {
-        let reason = "no column of few different values may tell the stages: all rows are taken as excitation. A column \
-                      that tells them goes here by name, with the values of each";
+        let reason = "no column with few different values can mark the stages: all rows count as \
+            excitation. If a column marks the stages, write its name here, with the values of each stage";
         section.keys.push(TomlKey::decided("whole_recording", quoted("excitation")).because(reason));
         return section;
     };
@@ -153,26 +153,30 @@ pub(super) fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals)
     };
     let seen: Vec<String> = best.values.iter().map(seen).collect();
     let why = match (best.is_named, rivals.is_empty()) {
-        (true, _) => "the name says so",
-        (false, true) => "the only column of few different values",
-        (false, false) => "a column of few different values",
+        (true, _) => "from the name",
+        (false, true) => "the only column with few different values",
+        (false, false) => "a column with few different values",
     };
     let mut question = Vec::new();
     if !rivals.is_empty() {
         let rivals: Vec<String> = rivals.iter().map(|of| of.shown(head)).collect();
         question.push(format!(
-            "{} may tell the stages, and so may {}. Which one does?",
+            "{} or {} may mark the stages. Which one does?",
             best.shown(head),
             rivals.join(", ")
         ));
     } else if !best.is_sure && (best.meaning.is_some() || !best.is_named) {
         question.push(format!(
-            "{} may tell the stages, and the motion does not confirm it. Does it?",
+            "{} may mark the stages, but the motion does not confirm it. Does it?",
             best.shown(head)
         ));
     }
     if !question.is_empty() && !best.is_named {
-        question.push("If the whole recording is excitation, whole_recording = \"excitation\" takes the place of these keys".into());
+        question.push(
+            "If the whole recording is excitation, whole_recording = \"excitation\" replaces \
+            these keys"
+                .into(),
+        );
     }
     let question = (!question.is_empty()).then(|| question.join(" "));
     section.keys.push(
@@ -205,8 +209,9 @@ fn meaning_keys(of: &StageColumn, joints: &Joints<'_>) -> Vec<TomlKey> {
         }
         None => {
             let all: Vec<i64> = of.values.iter().map(|(_, value)| value.value).collect();
-            let why = if joints.position.is_some() { "The motion does not tell" } else { "No motion tells" };
-            let question = format!("which of {} means what? {why}", list(&all));
+            let why =
+                if joints.position.is_some() { "The motion does not decide" } else { "No motion decides" };
+            let question = format!("what does each of {} mean? {why}", list(&all));
             STAGES.map(|name| TomlKey::decided(name, "[]").open(&question)).into()
         }
     }
@@ -235,10 +240,7 @@ pub(super) fn optional_section(head: &Head, signals: &Signals) -> Option<Section
         ("friction_level", signals.friction_level),
     ];
     let key = |(name, at): (&'static str, Option<usize>)| {
-        Some(
-            TomlKey::decided(name, head.reference(at?))
-                .because("the name says so, and it holds whole numbers"),
-        )
+        Some(TomlKey::decided(name, head.reference(at?)).because("from its name, and it holds whole numbers"))
     };
     let keys: Vec<TomlKey> = columns.into_iter().filter_map(key).collect();
     (!keys.is_empty()).then(|| Section { title: Some("if_present"), comments: Vec::new(), keys })

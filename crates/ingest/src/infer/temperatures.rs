@@ -44,8 +44,7 @@ pub(super) fn temperatures(
     if let Some(set) = motors {
         let (name, value) = set.key(head, count);
         let columns = &set.columns[..count];
-        let key =
-            TomlKey::decided(name, value).because("the name says that they are temperatures, one a joint");
+        let key = TomlKey::decided(name, value).because("from the names: temperatures, one per joint");
         let key = match set.order {
             Order::Place => key.asked(ORDER_QUESTION),
             Order::Number | Order::Names => key,
@@ -61,8 +60,7 @@ pub(super) fn temperatures(
     });
     if let Some(at) = hall {
         let keys = vec![
-            TomlKey::decided("column", head.reference(at))
-                .because("the name says that it is the hall's temperature"),
+            TomlKey::decided("column", head.reference(at)).because("from the name: ambient temperature"),
             unit_key(head, &[at], said(&at), true),
         ];
         found.sections.push(Section { title: Some("ambient_temperature"), comments: Vec::new(), keys });
@@ -84,7 +82,8 @@ fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> TomlKe
         .collect();
     values.sort_by(f64::total_cmp);
     let Some(median) = values.get(values.len() / 2).copied() else {
-        return TomlKey::decided("unit", quoted("degC")).because("no number tells it; this is the usual one");
+        return TomlKey::decided("unit", quoted("degC"))
+            .because("the numbers do not decide; this is the usual one");
     };
     let unit = match median {
         median if median >= KELVINS => TemperatureUnit::Kelvin,
@@ -98,7 +97,7 @@ fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> TomlKe
     );
     let doubt = match (unit, is_hall) {
         (TemperatureUnit::Celsius, false) if median >= FAHRENHEIT_HALL => {
-            "; degF would go as well and is less usual"
+            "; degF would fit too, but is less common"
         }
         _ => "",
     };

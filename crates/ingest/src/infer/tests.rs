@@ -224,7 +224,7 @@ fn recordings_at_the_motors_without_time_need_only_the_rate() {
             .map(|line| line + "\n")
             .collect();
     let asked = proposed(text.as_bytes(), Hints::default());
-    assert!(asked.toml.contains("how many rows are there a second?"), "{}", asked.toml);
+    assert!(asked.toml.contains("how many rows are there per second?"), "{}", asked.toml);
     let told = proposed(text.as_bytes(), Hints { sample_rate: Some(5000.0), ..Hints::default() });
     assert!(
         told.toml.contains("column = \"mpos_{joint}\"") && told.toml.contains("side = \"motor\""),
@@ -299,7 +299,7 @@ fn temperatures_are_proposed_with_their_units_and_disturb_nothing() {
         with_temperatures(|j| format!("inverter temperature {j}"), "cabinet temperature", [sparse, sparse]);
     let toml = proposed(text.as_bytes(), Hints::default()).toml.replace("\n#", "");
     assert!(
-        !toml.contains("_temperature]") && toml.contains("cabinet temperature (a temperature, not told"),
+        !toml.contains("_temperature]") && toml.contains("cabinet temperature (a temperature, but not known"),
         "{toml}"
     );
 }
@@ -335,7 +335,7 @@ fn columns_without_names_are_never_guessed_to_be_torques_where_they_may_be_curre
     assert_eq!(fits.questions, 0, "{}", fits.toml);
     for (asked, said) in [
         (toml(&plain, Some(gravity), 20.0), "not as large as torques in Nm"),
-        (toml(&plain, None, 1.0), "torques in Nm, currents in A or % of rated"),
+        (toml(&plain, None, 1.0), "torques in Nm, currents in A and % of rated"),
         (toml(&with_gains, Some(gravity), 1.0), "the description has drive gains"),
         (toml(&with_gains, None, 20.0), "the description has drive gains"),
     ] {

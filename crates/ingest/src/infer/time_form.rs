@@ -58,10 +58,8 @@ impl TimeForms {
                     _ => None,
                 });
                 let others: Vec<String> = others.collect();
-                format(first).asked(&format!(
-                    "which of its numbers is the day? {} would go as well",
-                    others.join(" or ")
-                ))
+                format(first)
+                    .asked(&format!("which of its numbers is the day? {} would fit too", others.join(" or ")))
             }
         })
     }

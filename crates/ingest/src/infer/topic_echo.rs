@@ -78,7 +78,7 @@ pub(super) fn topic_echo<'h>(head: &'h Head, robot: Option<&Robot>) -> Option<To
                 is_measured: true,
                 ..Said::default()
             },
-            why: "the place in the message says so".to_owned(),
+            why: "from the place in the message".to_owned(),
             question: question.clone(),
         })
     };
@@ -97,7 +97,7 @@ impl TopicEcho<'_> {
     pub(super) fn sections(&self) -> Vec<Section> {
         let keys = vec![
             TomlKey::decided("column", "2")
-                .because("the nanoseconds of the stamp, which begin again each second"),
+                .because("the nanoseconds of the stamp, which start again each second"),
             TomlKey::decided("unit", quoted("ns")),
             TomlKey::decided("wraps_at", "1000000000"),
         ];

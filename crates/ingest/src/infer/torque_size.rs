@@ -32,7 +32,7 @@ impl Size {
 
     pub(super) fn text(self) -> String {
         format!(
-            "joint {} has {:.3} (rms), and gravity alone asks for {:.3} Nm of it",
+            "joint {} has {:.3} (rms), but gravity alone needs {:.3} Nm",
             self.joint, self.recorded, self.gravity
         )
     }

@@ -61,7 +61,8 @@ fn format_section(name: &str, head: &Head) -> Section {
         sign => quoted(&char::from(sign).to_string()),
     };
     keys.push(
-        TomlKey::decided("delimiter", delimiter).because("it makes the most numbers, in rows of one length"),
+        TomlKey::decided("delimiter", delimiter)
+            .because("it gives the most numbers, in rows of equal length"),
     );
     if head.decimal == DecimalMark::Comma {
         keys.push(TomlKey::decided("decimal", quoted(",")).because("numbers have decimal commas"));
@@ -75,12 +76,12 @@ fn format_section(name: &str, head: &Head) -> Section {
         let reason = format!("{what} line {}", head.skip_lines + 1);
         keys.push(TomlKey::decided("skip_lines", head.skip_lines.to_string()).because(&reason));
     }
-    let by_number = head.by_number.map(|reason| format!("{reason}; columns go by number"));
+    let by_number = head.by_number.map(|reason| format!("{reason}; columns are numbered"));
     let header = match (&by_number, head.header, head.commented_header) {
         (Some(reason), ..) => reason,
-        (None, true, true) => "names stand behind the sign of a comment, above the first row",
-        (None, true, false) => "names stand above the first row",
-        (None, false, _) => "no line above the first row has as many fields; columns go by number",
+        (None, true, true) => "the names follow a comment sign, above the first row",
+        (None, true, false) => "the names are above the first row",
+        (None, false, _) => "no line above the first row has as many fields; columns are numbered",
     };
     keys.push(TomlKey::decided("header", has_header.to_string()).because(header));
     if head.skip_after_header > 0 {

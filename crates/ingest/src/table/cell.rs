@@ -158,21 +158,21 @@ fn no_number(cell: &str, decimal: DecimalMark) -> NoNumber {
             ),
         },
         (true, DecimalMark::Comma) => NoNumber {
-            reason: "a number with a decimal point, and the layout says decimal = \",\"".into(),
+            reason: "a number with a decimal point, but the layout has decimal = \",\"".into(),
             remedy: Some(
                 "take decimal = \",\" out of the layout if all numbers have points, or export with commas"
                     .into(),
             ),
         },
         _ if is_grouped(cell, mark) => NoNumber {
-            reason: "a number with separators of thousands".into(),
-            remedy: Some("export without separators of thousands".into()),
+            reason: "a number with thousands separators".into(),
+            remedy: Some("export without thousands separators".into()),
         },
         _ => match cell.chars().find(|c| !c.is_ascii()) {
             Some(character) => NoNumber {
                 reason: format!("not a number: the cell contains {}", unicode_name(character)).into(),
                 remedy: Some(
-                    "export numbers with ASCII characters alone: digits, -, a decimal mark, e".into(),
+                    "export numbers with ASCII characters only: digits, -, a decimal mark, e".into(),
                 ),
             },
             None => NoNumber { reason: "not a number".into(), remedy: None },
@@ -363,12 +363,12 @@ mod tests {
         let reason = |cell, decimal| number(cell, decimal).expect_err(cell).reason;
         for (cell, point, comma) in [
             ("0,25", "a number with a decimal comma", ""),
-            ("0.25", "", "a number with a decimal point, and the layout says decimal = \",\""),
-            ("1.234,5", "not a number", "a number with separators of thousands"),
-            ("1,234.5", "a number with separators of thousands", "not a number"),
-            ("1'234.5", "a number with separators of thousands", "not a number"),
-            ("-1 234 567", "a number with separators of thousands", "a number with separators of thousands"),
-            ("1\u{a0}234", "a number with separators of thousands", "a number with separators of thousands"),
+            ("0.25", "", "a number with a decimal point, but the layout has decimal = \",\""),
+            ("1.234,5", "not a number", "a number with thousands separators"),
+            ("1,234.5", "a number with thousands separators", "not a number"),
+            ("1'234.5", "a number with thousands separators", "not a number"),
+            ("-1 234 567", "a number with thousands separators", "a number with thousands separators"),
+            ("1\u{a0}234", "a number with thousands separators", "a number with thousands separators"),
             ("abc", "not a number", "not a number"),
             ("1,2,3", "not a number", "not a number"),
             ("1\u{2212}0", MINUS, MINUS),

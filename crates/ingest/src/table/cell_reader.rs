@@ -291,7 +291,8 @@ impl Row<'_> {
     fn refuse_second_stage(&self, first: Option<usize>, second: usize) -> Result<(), Rejection> {
         let Some(first) = first else { return Ok(()) };
         let name = |column: usize| self.map.names.get(column).map_or("", String::as_str);
-        let mut rejection = self.rejection(format!("two stages at once: {} is on too", name(first)));
+        let mut rejection =
+            self.rejection(format!("two stages at the same time: {} is also on", name(first)));
         rejection.remedy =
             "export again with one stage at a time, or name other columns in the layout's [stage] section"
                 .into();
@@ -334,7 +335,7 @@ impl Row<'_> {
             let size = if count < names.len() { "short" } else { "long" };
             self.rejection(format!("line too {size}: {count} fields, the header has {}", names.len()))
         };
-        rejection.remedy = "export again; each line needs one field for each column".into();
+        rejection.remedy = "export again; each line needs one field per column".into();
         Err(if is_header { rejection } else { of_row(rejection) })
     }
 
@@ -420,28 +421,29 @@ impl Row<'_> {
             _ => without_rounding(before.recorded).to_string(),
         };
         let mut rejection = self.rejection(if backwards {
-            format!("earlier than {last} in the row before: time runs backwards")
+            format!("earlier than {last} in the previous row: time runs backwards")
         } else {
-            format!("not later than {last} in the row before: time stands still")
+            format!("not later than {last} in the previous row: time does not advance")
         });
         let anew = || began_anew(before.recorded, recorded).filter(|_| backwards);
         // rows with falling times are out of order; a single row with the time of another is one bad row
         rejection.is_bad_row = !backwards;
         rejection.remedy = match (&self.map.time, anew()) {
             _ if !backwards && cell.contains(['e', 'E']) => format!(
-                "the last digits of the time are lost, since a spreadsheet wrote it as {cell}: format the column as a number \
-                 with all digits, and export again"
+                "the last digits of the time are lost, because a spreadsheet wrote it as {cell}: format the \
+                column as a number with all digits, and export again"
             )
             .into(),
-            _ if !backwards => "two rows have one time and other cells: export again, with a finer time".into(),
+            _ if !backwards => "two rows have the same time but different cells: export again with a finer \
+                time".into(),
             (TimeColumn::Recorded(_), None) if is_hour => {
                 "the clock was set back by one hour here: export UTC, or the time since the start".into()
             }
             (TimeColumn::Wrapping { period, .. }, _) => {
-                format!("check wraps_at = {period} under [time]: the counter must begin anew there").into()
+                format!("check wraps_at = {period} under [time]: the counter must start again there").into()
             }
             (_, Some(period)) => {
-                format!("if this is a counter that began anew, set wraps_at = {period} under [time]").into()
+                format!("if this is a counter that started again, set wraps_at = {period} under [time]").into()
             }
             (_, None) => "export the recording again in one piece; or set restarts = true under [time] of the layout if the \
                           file holds several recordings"
@@ -478,7 +480,7 @@ pub(crate) fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell
             };
             number.map_err(|no| match form_remedy(cell) {
                 Some(remedy) => cell::NoNumber {
-                    reason: "a time as text, and the layout takes numbers".into(),
+                    reason: "a time as text, but the layout has numbers".into(),
                     remedy: Some(remedy.into()),
                 },
                 None => no,
@@ -517,11 +519,10 @@ fn form_remedy(cell: &str) -> Option<String> {
     let forms = forms_of(cell);
     match forms.as_slice() {
         [] => None,
-        [only] => {
-            Some(format!("set format = {:?} under [time] of the layout, in place of unit", only.text()))
-        }
+        [only] => Some(format!("set format = {:?} under [time] of the layout, instead of unit", only.text())),
         _ => Some(format!(
-            "set format = {} under [time] of the layout, in place of unit: the one with the export's order of day and month",
+            "set format = {} under [time] of the layout, instead of unit: the one with the export's order \
+            of day and month",
             joined_forms(&forms)
         )),
     }

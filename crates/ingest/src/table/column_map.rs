@@ -242,7 +242,7 @@ pub fn map_columns(
     if let Some(column) = twice {
         return Err(search
             .rejection(
-                "a column that is read as two things",
+                "a column that the layout reads twice",
                 format!("correct the numbers of columns in layout \"{}\"", layout.name),
             )
             .in_column(&names[column]));
@@ -321,7 +321,7 @@ impl Search<'_> {
         }
         Err(self.rejection(
             "no header line: the first line holds only numbers",
-            format!("export with a line of column names as layout \"{}\" gives them", self.layout.name),
+            format!("export with a line of the column names in layout \"{}\"", self.layout.name),
         ))
     }
 
@@ -380,7 +380,7 @@ impl Search<'_> {
             && self.names.iter().filter(|n| *n == name).count() > 1
         {
             return Err(self
-                .rejection("a column that is there twice", "export each column once")
+                .rejection("a column that exists twice", "export each column once")
                 .in_column(name));
         }
         Ok(self.find(column))
@@ -433,8 +433,8 @@ impl Search<'_> {
         self.optional(Some(column))?.ok_or_else(|| {
             let name = column.to_string();
             let remedy = format!(
-                "{}name the column that tells excitation, friction and warming apart, and its values, \
-                 as the stage signal of layout \"{}\"; the export has {}",
+                "{}name the column that distinguishes excitation, friction and warming, and its values, as \
+                the stage signal of layout \"{}\"; the export has {}",
                 self.suggestion(&name),
                 self.layout.name,
                 self.listed()
@@ -527,7 +527,7 @@ mod tests {
         assert!(mapped(&format!("{HEADER},note,note,,")).is_ok());
         for name in ["time", "trq_6", "stage", "level"] {
             let rejection = mapped(&format!("{HEADER},{name}")).unwrap_err();
-            assert_eq!(&*rejection.reason, "a column that is there twice");
+            assert_eq!(&*rejection.reason, "a column that exists twice");
             assert_eq!(rejection.column.as_deref(), Some(name));
         }
     }
@@ -582,7 +582,7 @@ mod tests {
         let rejection = map(&layout).unwrap_err();
         assert_eq!(
             (&*rejection.reason, rejection.column.as_deref()),
-            ("a column that is read as two things", Some("vel_6"))
+            ("a column that the layout reads twice", Some("vel_6"))
         );
         layout.torque.columns = JointColumns::Each([14, 15, 16, 17, 18, 40].map(Column::Number).into());
         let rejection = map(&layout).unwrap_err();

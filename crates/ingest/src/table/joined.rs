@@ -85,8 +85,8 @@ pub(super) fn open<'l>(
 #[must_use]
 pub fn missing_part(path: &Path, missing: &Path) -> Rejection {
     let name = of_file_name(missing);
-    let remedy = "put it beside the others, or correct [parts] of the layout";
-    Rejection::of_file(path, format!("a recording without its part {name}, which is missing"), remedy)
+    let remedy = "put it next to the others, or correct [parts] of the layout";
+    Rejection::of_file(path, format!("a recording without its part {name}"), remedy)
 }
 
 /// A part whose header was read.

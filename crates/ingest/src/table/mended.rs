@@ -57,11 +57,11 @@ fn sentence(mend: Mend, Places { count, first_line }: Places) -> String {
     let again = if count == 1 { String::new() } else { format!(" ({count} times)") };
     match mend {
         Mend::Repeated => format!(
-            "line {first_line}: the row repeats the one before in every cell; {count} such {noun} {verb} left out"
+            "line {first_line}: the row repeats the previous one in every cell; {count} such {noun} {verb} skipped"
         ),
         Mend::TrailingNuls => {
             format!(
-                "line {first_line}: {count} NUL bytes behind the last row are left out, as a power cut leaves them"
+                "line {first_line}: {count} NUL bytes after the last row are skipped, a typical effect of a power cut"
             )
         }
         Mend::Clock(Turn::Anew) => {
@@ -70,7 +70,7 @@ fn sentence(mend: Mend, Places { count, first_line }: Places) -> String {
             )
         }
         Mend::Clock(Turn::Restart) => {
-            format!("line {first_line}: time begins again, so another recording begins{again}")
+            format!("line {first_line}: the time starts again, so another recording begins{again}")
         }
         Mend::Clock(Turn::Back) => format!(
             "line {first_line}: the clock is set back by one hour from one row to the next, as in autumn; times continue{again}"

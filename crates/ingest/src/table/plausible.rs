@@ -46,13 +46,13 @@ pub(super) fn no_export(path: &Path, line: u64, header: &str, layout: &Layout) -
     let columns = fields(header, layout.delimiter).count();
     let plural = if columns == 1 { "" } else { "s" };
     let reason = format!(
-        "no export: the line has {columns} column{plural} in {} bytes, and no names of columns with rows of numbers below \
-         them",
+        "not an export: the line has {columns} column{plural} in {} bytes, and no names of columns with \
+        rows of numbers below them",
         header.len()
     );
     let remedy = format!(
-        "export the recording as text with names of columns as layout \"{}\" gives them; `armwatch quarantine explain` \
-         shows the line to those who may read the file",
+        "export the recording as text with names of columns as layout \"{}\" gives them; `armwatch \
+        quarantine explain` shows the line to users who may read the file",
         layout.name
     );
     Rejection::of_file(path, reason, remedy).at_line(line)

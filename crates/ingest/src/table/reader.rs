@@ -364,12 +364,12 @@ impl<R: Read> ExportReader<R> {
             (false, _) => remedy.to_string(),
             (true, 0) => {
                 format!(
-                    "{remedy}; or let a few such rows be passed over: skip_bad = 10 under [rows] in the layout"
+                    "{remedy}; or allow a few such rows to be skipped: skip_bad = 10 under [rows] in the layout"
                 )
             }
             (true, most) => format!(
-                "{remedy}; as many bad rows as skip_bad = {most} under [rows] of the layout permits were passed over \
-                 before it"
+                "{remedy}; as many bad rows as skip_bad = {most} under [rows] of the layout permits were \
+                skipped before it"
             ),
         }
     }
@@ -447,7 +447,7 @@ impl<R: Read> ExportReader<R> {
     }
 
     fn leave_out(&mut self, line: u64, reason: &'static str) {
-        tracing::warn!(path = %text::of_path(&self.path), line, "the last line {reason}; the row is left out");
+        tracing::warn!(path = %text::of_path(&self.path), line, "the last line {reason}; the row is skipped");
         self.left_out = Some(LeftOut { line, reason });
     }
 
@@ -475,14 +475,14 @@ impl<R: Read> ExportReader<R> {
                 Rejection::of_file(&self.path, cell_reader::CUT, cell_reader::CUT_REMEDY).at_line(line)
             );
         }
-        let reason = "a header and no rows";
-        Err(Rejection::of_file(&self.path, reason, "export again, with the recording in it"))
+        let reason = "a header but no rows";
+        Err(Rejection::of_file(&self.path, reason, "export again, with the rows of the recording"))
     }
 
     fn remark_passed_over(&self) {
         let first = self.passed_over.first.as_ref().map(|first| first.sentence()).unwrap_or_default();
         let (path, rows) = (text::of_path(&self.path), self.passed_over.rows);
-        tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
+        tracing::warn!(%path, rows, first, "bad rows were skipped, as skip_bad of the layout permits");
     }
 
     /// Notes the last time of a block of `lines` lines, with the hash of its last line and the reading of its clock

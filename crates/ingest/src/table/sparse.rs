@@ -33,9 +33,7 @@ pub(super) fn explain(rejection: &mut Rejection, map: &ColumnMap, block: &Block)
     .into();
     let skipping = match seen.whole {
         0 => "",
-        _ => {
-            "; or set skip_bad = 100000 under [rows] in the layout, so that rows without all values are passed over"
-        }
+        _ => "; or set skip_bad = 100000 under [rows] in the layout, so that incomplete rows are skipped",
     };
     let filling = match map.roles.get(at) {
         Some(Role::Torque(_)) => "; or set slower = \"hold\" or \"resample\" under [torque] in the layout",

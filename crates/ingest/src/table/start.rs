@@ -46,7 +46,7 @@ fn first_moment(
         is_passing: true,
         ..Rejection::of_file(
             path,
-            format!("no row yet that says the start in column {}", start.column),
+            format!("no row with the start in column {} yet", start.column),
             "wait until the writer has begun, or export again",
         )
     };
@@ -76,7 +76,7 @@ fn first_moment(
             let fault = || {
                 let fault = Rejection::of_file(
                     path,
-                    format!("no {}, which says the start", wanted(&start.form)),
+                    format!("no {} for the start", wanted(&start.form)),
                     remedy(&start.form),
                 )
                 .at_line(number)
@@ -97,7 +97,7 @@ fn first_moment(
 fn missing(path: &Path, layout: &Layout, start: &StartSource, line: u64) -> Rejection {
     let column = start.column.to_string();
     let remedy = format!("correct column = \"{column}\" under [start] of layout \"{}\"", layout.name);
-    Rejection::of_file(path, "missing column, which says the start", remedy).at_line(line).in_column(&column)
+    Rejection::of_file(path, "missing column of the start", remedy).at_line(line).in_column(&column)
 }
 
 fn wanted(form: &StartForm) -> String {

@@ -65,7 +65,7 @@ impl HostLock {
                 // the session holds no other session lock, and this call does not release locks of transactions
                 let left = sqlx::query("SELECT pg_catalog.pg_advisory_unlock_all()").execute(&writer);
                 if let Err(error) = left.await {
-                    tracing::debug!(%error, "the lock of the daemon goes with its connection");
+                    tracing::debug!(%error, "the lock of the daemon ends with its connection");
                 }
             });
         }

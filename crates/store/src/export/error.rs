@@ -20,7 +20,7 @@ pub enum ExportError {
     },
     /// The file is not an export.
     #[error(
-        "{} is there and no export of the view {view}; name another place, or replace it with --force",
+        "{} exists and is not an export of the view {view}; name another place, or replace it with --force",
         .path.display()
     )]
     Foreign {
@@ -30,7 +30,7 @@ pub enum ExportError {
         view: String,
     },
     /// Another export writes the file.
-    #[error("{} is being written by another export; wait for its end, or name another place", .path.display())]
+    #[error("{} is being written by another export; wait until it ends, or name another place", .path.display())]
     Taken {
         /// The file.
         path: PathBuf,
@@ -44,7 +44,7 @@ pub enum ExportError {
         known: String,
     },
     /// The database contains a value that the description of the column excludes.
-    #[error("{view}.{column} holds {value}, which is no {kind}; please report this")]
+    #[error("{view}.{column} holds {value}, which is not a {kind}; please report this")]
     Value {
         /// The view.
         view: String,

@@ -90,9 +90,11 @@ async fn renew(store: Store, kind: SessionKind) {
             Ok(true) => Ok(()),
             Ok(false) => begin_again(&store, kind).await.map(|now| {
                 tracing::warn!(
-                    host, session, now,
-                    "this program was silent for longer than its lease of {} s, and others have taken over: joined \
-                     again; what was being read goes on behind its last stored cycle",
+                    host,
+                    session,
+                    now,
+                    "this program was silent for longer than its lease of {} s, and others have taken over: \
+                    joined again; exports in progress continue after their last stored cycle",
                     lease.as_secs_f64()
                 );
             }),
@@ -162,7 +164,7 @@ async fn end_silent(store: &Store) -> Result<(), StoreError> {
     store.checked(free_claims(&mut *transaction).await)?;
     store.commit(transaction).await?;
     for host in hosts {
-        tracing::warn!(host, "no word of this host for longer than its lease: its work is taken over");
+        tracing::warn!(host, "this host was silent for longer than its lease: others take over its work");
     }
     Ok(())
 }

@@ -17,10 +17,11 @@ use armwatch_model::analysis::measurements::RunMeasurements;
 use armwatch_model::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 
 /// Reason why cycles without factors keep their estimator.
-const NO_FACTORS: &str = "kept: no factors of its rows are stored; read its export again into a new database";
+const NO_FACTORS: &str =
+    "not changed: no factors of its rows are stored; read its export again into a new database";
 /// Reason why cycles keep their estimator if Huber's is configured.
 const NO_ROWS: &str =
-    "kept: huber weighs single rows, which are not stored; read its export again into a new database";
+    "not changed: huber weights single rows, which are not stored; read its export again into a new database";
 
 /// Cycles of a run that were identified with another estimator than the configured one and can be identified again.
 #[derive(Debug, Clone, PartialEq, Eq)]

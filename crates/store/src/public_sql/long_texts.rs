@@ -21,7 +21,7 @@ pub(super) fn bound(connection: &Connection) -> Result<(), Error> {
         let statement = format!("SELECT {name}({})", places.join(", "));
         connection.create_scalar_function(name, arguments, flags, move |called| {
             if length(called, 0).saturating_mul(length(called, 1)) > MOST_COMPARISONS {
-                let sentence = format!("{name} takes shorter values: these would be compared for too long");
+                let sentence = format!("{name} needs shorter values: comparing these would take too long");
                 return Err(Error::UserFunctionError(sentence.into()));
             }
             let values = (0..called.len()).map(|place| ToSqlOutput::Borrowed(called.get_raw(place)));

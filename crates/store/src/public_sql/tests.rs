@@ -103,7 +103,7 @@ async fn what_is_wrong_is_said_with_its_place() {
     assert_eq!(said("SELECT run_id,\n  'é', robo FROM runs"), "line 2, column 8: no such column: robo");
     assert_eq!(said("SELECT *\nFORM runs"), "line 2, column 1: near \"FORM\": syntax error");
     assert!(said("SELECT * FROM run").starts_with("run is not public"), "{}", said("SELECT * FROM run"));
-    assert!(said("SELECT 1; SELECT 2").contains("more than one statement"));
+    assert!(said("SELECT 1; SELECT 2").contains("several statements"));
     assert!(said("SELECT ?1").contains("1 parameters"));
     let bound = store.ask_within(
         "SELECT ?1, ?2, ?3, ?4",

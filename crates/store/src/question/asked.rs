@@ -34,8 +34,8 @@ pub enum QuestionError {
     Empty,
     /// The text has more than one statement.
     #[error(
-        "there is more than one statement: `armwatch sql` takes one that reads; call it once for each, or join them with \
-         WITH or UNION ALL"
+        "there are several statements: `armwatch sql` accepts one that reads; call it once per statement, \
+        or join them with WITH or UNION ALL"
     )]
     Several,
     /// The statement would change something, write a file, or return no rows.
@@ -48,7 +48,7 @@ pub enum QuestionError {
     /// A value has no parameter.
     #[error(
         "the statement has no parameter {name}: {}",
-        if .known.is_empty() { format!("it has none; write :{name} where the value belongs") }
+        if .known.is_empty() { format!("it has none; write :{name} at the place of the value") }
         else { format!("it has {}", .known.join(", ")) }
     )]
     NoParameter {
@@ -58,7 +58,7 @@ pub enum QuestionError {
         known: Vec<String>,
     },
     /// Two values have one name.
-    #[error("--param {0} is given twice: give one value for each parameter")]
+    #[error("--param {0} is given twice: give one value per parameter")]
     Twice(String),
     /// A parameter has no name.
     #[error(

@@ -67,11 +67,12 @@ fn say_beginning(path: &Path, found: i64) {
     let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let (path, megabytes, known) = (path.display(), bytes >> 20, latest_schema());
     if bytes < LARGE_BYTES {
-        tracing::info!(%path, megabytes, "bringing the schema of the database from {found} to {known}");
+        tracing::info!(%path, megabytes, "upgrading the schema of the database from {found} to {known}");
     } else {
         tracing::warn!(
-            %path, megabytes, "bringing the schema of the database from {found} to {known}, which may take minutes and \
-             as much free space as the file has; whoever stops the program before the end has the database as it was"
+            %path, megabytes, "upgrading the schema of the database from {found} to {known}; this may take \
+                minutes and as much free space as the size of the file; if the program is stopped before \
+                the end, the database stays unchanged"
         );
     }
 }
@@ -90,7 +91,7 @@ async fn during<T>(path: &Path, work: impl Future<Output = T>) -> T {
             seconds = began.elapsed().as_secs(),
             written_mb = bytes(&write_ahead_log::path_of(path)) >> 20,
             database_mb = bytes(path) >> 20,
-            "the schema of the database is being brought to {}", latest_schema()
+            "the schema of the database is being upgraded to {}", latest_schema()
         );
     }
 }

@@ -40,7 +40,7 @@ pub(super) async fn make(path: &Path, connection: &mut EngineConnection) -> Resu
     if let Some(version) = there.version().filter(|version| *version != latest_schema()) {
         refuse_too_old(path, version)?;
         let known = latest_schema();
-        tracing::info!(path = %path.display(), "bringing the schema of the database from {version} to {known}");
+        tracing::info!(path = %path.display(), "upgrading the schema of the database from {version} to {known}");
     }
     schema.apply(&mut transaction, there.version()).await.map_err(broken)?;
     transaction.commit().await.map_err(broken)
@@ -73,7 +73,8 @@ async fn check_server(path: &Path, connection: &mut EngineConnection) -> Result<
         return Err(StoreError::ServerTooOld { path: path.to_path_buf(), version });
     }
     if encoding != "UTF8" {
-        let detail = format!("its encoding is {encoding}, not UTF8; make it with `createdb --encoding UTF8`");
+        let detail =
+            format!("its encoding is {encoding}, not UTF8; create it with `createdb --encoding UTF8`");
         return Err(StoreError::NotADatabase { path: path.to_path_buf(), detail });
     }
     Ok(())

@@ -35,17 +35,17 @@ Examples:
   armwatch trajectory design --robot er3a --beside-run 12 --seconds 10 \\
       -o addition.json
 
-The motion is a finite Fourier series that starts and ends at rest, without acceleration, and keeps the position, speed
-and acceleration limits of the description between its samples too. Where the description has nominal parameters and
-rated torques, the root mean square of each joint's torque stays below its rated torque; where it has limits of jerk and
-peak torque, they are kept, and so is the clearance of its capsules (docs/trajectories.md).
+The motion is a finite Fourier series that starts and ends at rest, without acceleration. It keeps the position,
+speed and acceleration limits of the description also between its samples. If the description has nominal
+parameters and rated torques, the root mean square of each joint's torque stays below its rated torque. If it has
+limits of jerk, peak torque or the clearance of its capsules, the motion keeps them too (docs/trajectories.md).
 
-The same seed and number of starts give the same file on any number of threads; with --budget-s the file says how many
-starts there were, and --starts with that number gives it again. With --beside-run, the motion is the shortest one that
-shows what ordinary work does not. Standard deviations hold for white noise of the torque
-signal and one period; docs/trajectories.md says what that leaves out.")]
+The same seed and number of starts give the same file on any number of threads. --budget-s writes the number of
+starts into the file; --starts with that number gives the same file again. --beside-run finds the shortest motion
+that shows the parameters that production does not show. Standard deviations are valid for white noise of the
+torque signal and one period; docs/trajectories.md has the limits of this.")]
 pub(in crate::cli) struct DesignArgs {
-    /// The arm: a robot or model of the configuration, or the file of a description
+    /// Arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
     pub(super) robot: String,
     /// File for the programme, JSON
@@ -57,26 +57,25 @@ pub(in crate::cli) struct DesignArgs {
     /// Harmonics of the series, 2 to 20
     #[arg(help_heading = "Motion", long, default_value_t = 5, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=20))]
     pub(super) harmonics: u8,
-    /// Which waves the motion has
+    /// Wave form of the motion
     #[arg(help_heading = "Motion", long, value_enum, default_value = "fourier")]
     pub(super) form: FormArg,
-    /// Part of each joint's range that may be used, about its middle
-    #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "PART", value_parser = share)]
+    /// Allowed fraction of each joint's range, about its middle
+    #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "FRACTION", value_parser = share)]
     pub(super) position_share: f64,
-    /// Part of the largest speeds that may be used
-    #[arg(help_heading = "Motion", long, default_value_t = 0.95, value_name = "PART", value_parser = share)]
+    /// Allowed fraction of the largest speeds
+    #[arg(help_heading = "Motion", long, default_value_t = 0.95, value_name = "FRACTION", value_parser = share)]
     pub(super) speed_share: f64,
-    /// Part of the largest accelerations that may be used
-    #[arg(help_heading = "Motion", long, default_value_t = 0.95, value_name = "PART", value_parser = share)]
+    /// Allowed fraction of the largest accelerations
+    #[arg(help_heading = "Motion", long, default_value_t = 0.95, value_name = "FRACTION", value_parser = share)]
     pub(super) acceleration_share: f64,
-    /// Part of its top speed that each joint reaches at least [default: 0, with --objective
-    /// scaled-condition 0.5]
-    #[arg(help_heading = "Motion", long, value_name = "PART", value_parser = share_or_none)]
+    /// Fraction of its top speed that each joint must reach [default: 0, with --objective scaled-condition 0.5]
+    #[arg(help_heading = "Motion", long, value_name = "FRACTION", value_parser = share_or_none)]
     pub(super) reach_speed_share: Option<f64>,
-    /// Part of the rated torque that the root mean square of a joint's torque may be; 0 for no limit of torques
-    #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "PART", value_parser = share_or_none)]
+    /// Allowed root mean square of a joint's torque, as a fraction of the rated torque; 0 for no limit of torques
+    #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "FRACTION", value_parser = share_or_none)]
     pub(super) torque_share: f64,
-    /// What is made small
+    /// Quantity to minimise
     #[arg(
         help_heading = "Search",
         long,
@@ -85,7 +84,7 @@ pub(in crate::cli) struct DesignArgs {
         conflicts_with = "beside_run"
     )]
     pub(super) objective: ObjectiveArg,
-    /// Parameters that the objective is of
+    /// Parameters in the objective
     #[arg(
         help_heading = "Search",
         long,
@@ -94,12 +93,13 @@ pub(in crate::cli) struct DesignArgs {
         conflicts_with = "beside_run"
     )]
     pub(super) columns: ColumnsArg,
-    /// Weight of the scaled condition number in --objective mixed; the rest is that of the volume
-    #[arg(help_heading = "Search", long, default_value_t = 0.5, value_name = "PART", value_parser = share_or_none)]
+    /// Weight of the scaled condition number in --objective mixed; the rest is the weight of the volume
+    #[arg(help_heading = "Search", long, default_value_t = 0.5, value_name = "FRACTION", value_parser = share_or_none)]
     pub(super) condition_share: f64,
-    /// Parameters whose standard deviations count, where not all do: names such as J3_f1, friction-3 for all friction of
-    /// joint 3, link-6 for link 6 and its motor, load for all that a mass at the tool frame changes, essential for all
-    /// that are worth their uncertainty, separated by commas; others are estimated along
+    /// Parameters whose standard deviations count, separated by commas: names such as J3_f1, friction-3 for all
+    /// friction of joint 3, link-6 for link 6 and its motor, load for all parameters changed by a mass at the tool
+    /// frame, essential for all that are worth their uncertainty. The other parameters are estimated too [default:
+    /// all]
     #[arg(
         help_heading = "Search",
         long,
@@ -108,38 +108,39 @@ pub(in crate::cli) struct DesignArgs {
         conflicts_with = "beside_run"
     )]
     pub(super) precise: Vec<String>,
-    /// Everything random follows from it
+    /// Seed of all random numbers
     #[arg(help_heading = "Search", long, default_value_t = 1)]
     pub(super) seed: u64,
     /// Random starts of the search [default: 12]
     #[arg(help_heading = "Search", long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(super) starts: Option<u64>,
-    /// Begin new starts for this long instead, s
+    /// Begin new starts for this time instead, s
     #[arg(help_heading = "Search", long, value_name = "S", conflicts_with = "starts")]
     pub(super) budget_s: Option<f64>,
-    /// Go on with the search of this programme, which had the same settings: more starts, and its motion if none is better
+    /// Continue the search of this programme, which had the same settings: more starts, and its motion if none is
+    /// better
     #[arg(help_heading = "Search", long, value_name = "PROGRAMME", conflicts_with = "beside_run")]
     pub(super) resume: Option<PathBuf>,
-    /// Threads [default: one a processor]
+    /// Number of threads [default: one per processor]
     #[arg(help_heading = "Search", long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(super) threads: Option<u16>,
-    /// Rows a second of the recording, Hz
+    /// Rows per second of the recording, Hz
     #[arg(help_heading = "Prediction", long, default_value_t = 250.0, value_name = "HZ")]
     pub(super) rate_hz: f64,
-    /// Standard deviation of every torque signal, Nm (N) [default: the description's]
+    /// Standard deviation of every torque signal, Nm (N) [default: that of the description]
     #[arg(help_heading = "Prediction", long, value_name = "NM")]
     pub(super) noise_nm: Option<f64>,
-    /// False alarms of a robot and year that may be, on which the smallest changes stand [default: that of the
+    /// Allowed false alarms per robot and year, for the smallest detectable changes [default: that of the
     /// configuration]
     #[arg(help_heading = "Prediction", long, value_name = "RATE")]
     pub(super) false_alarms_per_robot_year: Option<f64>,
-    /// Tests of a robot in a year, which share its false alarms
+    /// Tests per robot and year, which share its false alarms
     #[arg(help_heading = "Prediction", long, default_value_t = 365.25, value_name = "N")]
     pub(super) tests_per_year: f64,
-    /// Growth of a joint's friction whose chance to be seen is told, a fraction
-    #[arg(help_heading = "Prediction", long, default_value_t = 0.04, value_name = "PART")]
+    /// Growth of a joint's friction for the predicted probability of detection, a fraction
+    #[arg(help_heading = "Prediction", long, default_value_t = 0.04, value_name = "FRACTION")]
     pub(super) wear: f64,
-    /// Load whose chance to be seen is told, kg
+    /// Load for the predicted probability of detection, kg
     #[arg(help_heading = "Prediction", long, default_value_t = 0.5, value_name = "KG")]
     pub(super) load_kg: f64,
     #[command(flatten)]
@@ -152,11 +153,11 @@ pub(in crate::cli) struct DesignArgs {
 pub(super) enum ObjectiveArg {
     /// Condition number of the observation matrix, SI units
     Condition,
-    /// The same with columns scaled to unit norm
+    /// Condition number with columns scaled to unit norm
     ScaledCondition,
     /// Volume of the confidence ellipsoid of the parameters
     LogDeterminant,
-    /// The last two together, weighted by --condition-share
+    /// Scaled condition number and volume, weighted by --condition-share
     Mixed,
     /// Standard deviations of the parameters, each in units of its nominal size
     StandardDeviation,
@@ -166,7 +167,7 @@ pub(super) enum ObjectiveArg {
 pub(super) enum ColumnsArg {
     /// Inertia of links and motors, as in the published design
     Inertial,
-    /// All base parameters, with friction
+    /// All base parameters, including friction
     All,
 }
 
@@ -251,7 +252,7 @@ impl DesignArgs {
 pub(super) enum FormArg {
     /// Sines and cosines: a finite Fourier series
     Fourier,
-    /// Sines of the position alone, about a centre: half as many numbers, and a motion that comes back as it went
+    /// Sines of the position only, about a centre: half as many numbers, and a motion that returns along its path
     HarmonicSine,
 }
 

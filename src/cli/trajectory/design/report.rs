@@ -102,7 +102,7 @@ impl DesignReport<'_> {
             search.map_or(0, |search| search.evaluations),
         ));
         output::line("");
-        output::line("How near the motion comes to the limits");
+        output::line("Distance of the motion from the limits");
         print_nearness(robot, series);
         self.judged.print();
         if let Some((beside, precision)) = self.beside {
@@ -112,7 +112,7 @@ impl DesignReport<'_> {
         let PredictedRecording { recording, found: prediction, against_own, .. } = predicted;
         output::line("");
         output::line(&format!(
-            "Standard deviations that a recording of one period at {} Hz will have under white noise",
+            "Standard deviations from a recording of one period at {} Hz with white noise",
             recording.sample_rate_hz
         ));
         let nominal = nominal_base(robot, base);
@@ -146,9 +146,9 @@ impl DesignReport<'_> {
         let PredictedRecording { recording, found, budget, .. } = predicted;
         output::line("");
         output::line(&format!(
-            "What one period shows where noise is all that differs, with {} of a robot and year, shared among {:.0} tests of {} \
-             channels (probability {:.1e} each): the smallest change that is seen with probability {DETECTION}, and how \
-             likely a given one is seen in one test",
+            "Detection in one period if only noise differs, with {} per robot and year, shared among {:.0} \
+            tests of {} channels (probability {:.1e} each): the smallest change detected with probability \
+            {DETECTION}, and the probability to detect a given change in one test",
             output::counted(budget.per_robot_year, "false alarm"),
             budget.tests_per_year,
             budget.channels,
@@ -180,7 +180,13 @@ impl DesignReport<'_> {
         let load = format!("{} kg more load", self.load_kg);
         rows.push(row(load, String::new(), found.load_change, self.load_kg, "kg", 1.0));
         output::print_table(
-            &["what changes", "torque noise", "standard deviation", "smallest change", "seen in one test"],
+            &[
+                "what changes",
+                "torque noise",
+                "standard deviation",
+                "smallest change",
+                "detected in one test",
+            ],
             &rows,
             &[],
         );

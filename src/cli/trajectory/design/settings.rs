@@ -83,7 +83,7 @@ impl DesignArgs {
             return Ok(scales);
         }
         if !matches!(self.objective(), ObjectiveArg::StandardDeviation) {
-            return Err(CliError::Usage("--precise goes with --objective standard-deviation".into()));
+            return Err(CliError::Usage("--precise requires --objective standard-deviation".into()));
         }
         let mut counts = vec![false; parameters.len()];
         let by_load = load_direction(robot, base);
@@ -107,8 +107,9 @@ impl DesignArgs {
             if !any {
                 let names: Vec<String> = parameters.iter().map(|&k| base.kept[k].to_string()).collect();
                 return Err(CliError::Usage(format!(
-                    "--precise {name}: no such parameter among {}; load, essential, friction-1 to friction-{} and link-1 to link-{} \
-                     stand for several, and --columns all has friction",
+                    "--precise {name}: no such parameter among {}; load, essential, friction-1 to \
+                    friction-{} and link-1 to link-{} are groups of parameters, and --columns all includes \
+                    friction",
                     names.join(", "),
                     robot.joint_count(),
                     robot.joint_count()
@@ -172,7 +173,8 @@ impl DesignArgs {
         let noise = self.noise(robot);
         if noise.is_none() {
             output::print_hint(
-                "the description has no noise of every torque signal, so nothing is predicted; give it with --noise-nm",
+                "the description has no noise of every torque signal, so there is no prediction; give it \
+                with --noise-nm",
             );
         }
         Ok(noise.map(|noise| self.recording_of(noise)))

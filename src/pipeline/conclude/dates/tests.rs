@@ -180,7 +180,7 @@ async fn wrong_dates_end_no_alarm_and_a_robot_is_not_ok_by_them() {
     let ok = count(&store, "SELECT count(*) FROM fleet_health WHERE status IN ('ok', 'learning')").await;
     assert_eq!(ok, 0, "the latest tests say nothing");
     let why = texts(&store, "SELECT DISTINCT reason FROM fleet_health").await;
-    assert!(why[0].starts_with("the last 5 tests are left out, so that the robot is not watched"), "{why:?}");
+    assert!(why[0].starts_with("the last 5 tests are excluded, so the robot is not watched"), "{why:?}");
 }
 
 #[tokio::test]
@@ -196,7 +196,7 @@ async fn a_corrected_date_counts_and_can_be_taken_back() {
     assert_eq!((count(&store, ALARMS).await, count(&store, UNWATCHED).await), (0, 1));
     let named = texts(&store, NAMED).await;
     assert!(
-        named[0].starts_with("the last 15 tests are left out") && named[0].contains("--as-arrived"),
+        named[0].starts_with("the last 15 tests are excluded") && named[0].contains("--as-arrived"),
         "{named:?}"
     );
     for run in 10..25 {

@@ -53,7 +53,7 @@ fn mailbox(value: &Value<'_>) -> Option<String> {
         && !address.contains(char::is_whitespace);
     if !is_sound {
         let hint = "write \"user@example.org\" or \"Name <user@example.org>\"";
-        value.refuse("is no mail address".into(), Some(hint.into()));
+        value.refuse("is not a mail address".into(), Some(hint.into()));
     }
     is_sound.then(|| text.to_owned())
 }

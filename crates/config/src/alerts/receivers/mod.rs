@@ -94,7 +94,7 @@ pub(super) fn read_receiver(route: &Table<'_>) -> Option<ReceiverSettings> {
     if found.len() > 1 {
         let (first, _) = found[0];
         for (_, value) in &found[1..] {
-            let hint = "give each receiver a route of its own".to_owned();
+            let hint = "give each receiver its own route".to_owned();
             value.refuse(format!("the route already has the receiver {first}"), Some(hint));
         }
         return None;

@@ -36,7 +36,7 @@ impl ReceiverKind for MqttSettings {
                         "write levels such as \"{DEFAULT_TOPIC}\", without +, #, control characters and a first / or $, at \
                          most {TOPIC_BYTES} bytes"
                     );
-                    value.refuse("is no topic to publish to".into(), Some(hint));
+                    value.refuse("is not a topic for publishing".into(), Some(hint));
                 }
                 is_sound.then(|| topic.trim_end_matches('/').to_owned())
             }),

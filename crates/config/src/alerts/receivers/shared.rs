@@ -129,16 +129,16 @@ pub(super) fn read_url(value: &Value<'_>) -> Option<String> {
     let url = value.text()?;
     let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
     let Some(host) = rest.map(|rest| rest.split(['/', '?', '#']).next().unwrap_or_default()) else {
-        value.refuse("is no address".into(), Some("write http://host:port/path, or https://".into()));
+        value.refuse("is not an address".into(), Some("write http://host:port/path, or https://".into()));
         return None;
     };
     if host.contains('@') {
-        let hint = "write user and password_file, or password_env, beside it";
-        value.refuse_secret("holds a user or a password".into(), Some(hint.into()));
+        let hint = "write user and password_file, or password_env, next to it";
+        value.refuse_secret("contains a user or a password".into(), Some(hint.into()));
         return None;
     }
     if host.is_empty() || host.starts_with(':') {
-        value.refuse("names no host".into(), None);
+        value.refuse("has no host".into(), None);
         return None;
     }
     Some(url.to_owned())
@@ -149,12 +149,12 @@ pub(super) fn read_secret(table: &Table<'_>, name: &str) -> Option<Option<Secret
     let (file, environment) = (format!("{name}_file"), format!("{name}_env"));
     if let Some(value) = table.optional(name) {
         let hint = format!("write {file} or {environment}, so that this file can be shown");
-        value.refuse_secret("a secret does not stand in the configuration".into(), Some(hint));
+        value.refuse_secret("a secret must not be in the configuration".into(), Some(hint));
         return None;
     }
     let both = [table.optional(&file), table.optional(&environment)];
     if let [Some(_), Some(second)] = &both {
-        second.refuse(format!("there is {file} already"), Some("keep one of them".into()));
+        second.refuse(format!("{file} is already given"), Some("keep one of them".into()));
         return None;
     }
     let [file, environment] = both;
@@ -187,11 +187,11 @@ pub(super) fn read_login(table: &Table<'_>) -> Option<Option<(String, Secret)>> 
         (None, None) => Some(None),
         (Some(_), None) => {
             let hint = "write password_file or password_env".to_owned();
-            table.refuse("has a user and no password".into(), Some(hint));
+            table.refuse("has a user but no password".into(), Some(hint));
             None
         }
         (None, Some(_)) => {
-            table.refuse("has a password and no user".into(), Some("write user".into()));
+            table.refuse("has a password but no user".into(), Some("write user".into()));
             None
         }
     }

@@ -62,7 +62,7 @@ impl StageKind for StageSignal {
     }
 
     fn refusal(&self, value: f64) -> Option<String> {
-        self.stage_of(value).is_none().then(|| "no known stage".into())
+        self.stage_of(value).is_none().then(|| "not a known stage".into())
     }
 
     fn may_continue(&self, cell: &str) -> bool {

@@ -48,7 +48,7 @@ impl StageKind for StageWords {
 
     fn words_wanted(&self) -> String {
         let words: Vec<String> = self.words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
-        format!("no known stage: the layout has {}", words.join(", "))
+        format!("not a known stage: the layout has {}", words.join(", "))
     }
 
     fn may_continue(&self, cell: &str) -> bool {

@@ -278,8 +278,8 @@ fn a_tree_that_branches_needs_a_tip_and_the_rest_is_carried_at_rest() {
 #[test]
 fn an_inertial_tag_that_cannot_be_right_is_ignored_with_a_remark() {
     for (from, to, said) in [
-        ("ixx=\"1\"", "ixx=\"2.06\"", "no body is like that"),
-        ("ixx=\"1\"", "ixx=\"9\"", "no body is like that"),
+        ("ixx=\"1\"", "ixx=\"2.06\"", "no body has this inertia"),
+        ("ixx=\"1\"", "ixx=\"9\"", "no body has this inertia"),
         ("mass value=\"0.5\"", "mass value=\"-0.5\"", "mass of -0.5 kg"),
     ] {
         let chain = read_chain(&BRANCHED.replace(from, to), Some("left")).expect("a chain");
@@ -333,16 +333,16 @@ fn what_is_no_chain_is_refused_in_words() {
         .contains("no direction")
     );
     assert!(with("<child link=\"camera\"/>", "<child link=\"left\"/>").contains("two joints"));
-    assert!(with("<child link=\"camera\"/>", "<child link=\"lens\"/>").contains("which there is not"));
+    assert!(with("<child link=\"camera\"/>", "<child link=\"lens\"/>").contains("names the missing link"));
     assert!(
         with("<link name=\"camera\"/>", "<link name=\"camera\"/><link name=\"world\"/>")
             .contains("two bases")
     );
     assert!(
-        with("<parent link=\"base\"/>", "<parent link=\"left\"/>").contains("does not hang on the base"),
+        with("<parent link=\"base\"/>", "<parent link=\"left\"/>").contains("is not connected to the base"),
         "a ring"
     );
-    assert!(read_chain("<robot", None).expect_err("cut").contains("is no URDF"));
+    assert!(read_chain("<robot", None).expect_err("cut").contains("is not a URDF file"));
     assert!(
         read_chain("<robot name=\"r\"><link name=\"l\"/></robot>", None)
             .expect_err("still")

@@ -250,7 +250,7 @@ fn two_rows_of_one_time_with_other_cells_are_a_bad_row() {
         let refused = read(text.as_bytes(), &native(), block_bytes).expect_err("one time");
         assert_eq!(refused.line, Some(11));
         let said = refused.to_string();
-        assert!(said.contains("time stands still") && said.contains("skip_bad = 10"), "{said}");
+        assert!(said.contains("time does not advance") && said.contains("skip_bad = 10"), "{said}");
         let layout = Layout { rows: RowRule { skip_bad: 1 }, ..native() };
         assert_eq!(read(text.as_bytes(), &layout, block_bytes).expect("passed over").0, expected);
     }

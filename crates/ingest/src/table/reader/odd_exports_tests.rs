@@ -104,7 +104,10 @@ fn velocities_and_signals_may_be_absent() {
 #[test]
 fn files_without_rows() {
     assert_eq!(message("empty.csv"), ": an empty file; wait until the writer has finished, or export again");
-    assert_eq!(message("header_only.csv"), ": a header and no rows; export again, with the recording in it");
+    assert_eq!(
+        message("header_only.csv"),
+        ": a header but no rows; export again, with the rows of the recording"
+    );
 }
 
 #[test]
@@ -134,7 +137,7 @@ fn headers_that_are_not_this_robots() {
         "five_joints.csv",
         ", line 1: wrong joint count: the export has positions for 5 joints, the description of er3a has 6; give",
     );
-    assert_message("duplicate_column.csv", ", line 1, column pos_1: a column that is there twice;");
+    assert_message("duplicate_column.csv", ", line 1, column pos_1: a column that exists twice;");
     assert_message("no_header.csv", ", line 1: no header line: the first line holds only numbers;");
     assert_message("semicolons.csv", ", line 1: a header separated by semicolon, not by ',';");
 }
@@ -180,11 +183,11 @@ fn bad_cells_are_named_by_line_and_column() {
 fn time_that_does_not_rise_says_both_values() {
     assert_message(
         "time_backwards.csv",
-        ", line 5, column time: \"0.001\" is earlier than 0.004 in the row before: time runs backwards;",
+        ", line 5, column time: \"0.001\" is earlier than 0.004 in the previous row: time runs backwards;",
     );
     assert_message(
         "time_standing_still.csv",
-        ", line 4, column time: \"0.0020\" is not later than 0.002 in the row before: time stands still;",
+        ", line 4, column time: \"0.0020\" is not later than 0.002 in the previous row: time does not advance;",
     );
 }
 
@@ -230,7 +233,7 @@ fn foreign_encodings_are_read_and_those_that_are_none_are_named() {
         "utf32.csv",
         ", line 1: text that is not UTF-8; it looks like UTF-32 (little endian); export as UTF-8",
     );
-    assert_message("carriage_returns.csv", ", line 1: lines that end with carriage returns alone;");
+    assert_message("carriage_returns.csv", ", line 1: lines that end only with carriage returns;");
 }
 
 #[test]
@@ -279,8 +282,8 @@ fn a_decimal_comma_is_read_where_the_layout_says_so_and_explained_where_not() {
     let points = said("semicolons.csv", &comma(b';'));
     assert!(
         points.starts_with(
-            "a.csv, line 2, column time: \"0.000\" is a number with a decimal point, and the layout says \
-             decimal = \",\"; take decimal"
+            "a.csv, line 2, column time: \"0.000\" is a number with a decimal point, but the layout has \
+            decimal = \",\"; take decimal"
         ),
         "{points}"
     );
@@ -288,7 +291,7 @@ fn a_decimal_comma_is_read_where_the_layout_says_so_and_explained_where_not() {
     assert!(commas.contains("\"0,000\" is a number with a decimal comma; set decimal = \",\""), "{commas}");
     let thousands = said("thousands.csv", &comma(b';'));
     assert!(
-        thousands.contains("line 4, column trq_3: \"1.009,00\" is a number with separators of thousands;"),
+        thousands.contains("line 4, column trq_3: \"1.009,00\" is a number with thousands separators;"),
         "{thousands}"
     );
 }
@@ -312,7 +315,7 @@ fn times_in_other_units_and_as_timestamps() {
     let wrapping = read("wrapping_ticks.csv", TimeSource::Counter { column: ticks(), wraps_at: 65_536.0 });
     assert_eq!(wrapping, Ok(native()));
     let said = read("wrapping_ticks.csv", TimeSource::Column(ticks())).unwrap_err();
-    assert_eq!(&*said.remedy, "if this is a counter that began anew, set wraps_at = 65536 under [time]");
+    assert_eq!(&*said.remedy, "if this is a counter that started again, set wraps_at = 65536 under [time]");
     let said =
         read("native.csv", TimeSource::Text { column: column(), form: TextTime::Timestamp }).unwrap_err();
     assert_eq!((said.line, &*said.reason), (Some(2), "not a date and time"));

@@ -109,7 +109,7 @@ fn time_is_compared_over_chunks_and_reading_ends_at_the_rejection() {
             ExportReader::new(twice.as_bytes(), Path::new("a.csv"), &native(), &er3a(), options).unwrap();
         let rejection = reader.find_map(Result::err).expect("time runs backwards");
         assert_eq!((rejection.line, rejection.value.as_deref()), (Some(202), Some("0")));
-        assert_eq!(&*rejection.reason, "earlier than 0.398 in the row before: time runs backwards");
+        assert_eq!(&*rejection.reason, "earlier than 0.398 in the previous row: time runs backwards");
         assert!(reader.next().is_none());
     }
 }
@@ -197,7 +197,10 @@ fn a_clock_that_runs_backwards_is_named_as_it_stands_in_the_file() {
     for block_bytes in [1, 1 << 20] {
         let rejection = read_bytes(moved.as_bytes(), &native(), with_blocks_of(block_bytes)).unwrap_err();
         assert_eq!((rejection.line, rejection.value.as_deref()), (Some(4), Some("1700000000.001")));
-        assert_eq!(&*rejection.reason, "earlier than 1700000000.002 in the row before: time runs backwards");
+        assert_eq!(
+            &*rejection.reason,
+            "earlier than 1700000000.002 in the previous row: time runs backwards"
+        );
     }
 }
 
@@ -534,7 +537,7 @@ fn lines_above_the_header_are_counted_in_the_remedy() {
     let rejection = read_bytes(text.as_bytes(), &native(), ReadOptions::default()).unwrap_err();
     assert_eq!(
         &*rejection.remedy,
-        "the names of the columns stand in line 4: set skip_lines = 3 in the layout"
+        "the names of the columns are in line 4: set skip_lines = 3 in the layout"
     );
     let mut layout = native();
     layout.text.skip_lines = 3;

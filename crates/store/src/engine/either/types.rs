@@ -226,7 +226,7 @@ fn refuse_unknown(of: &PgTypeInfo) -> Result<(), BoxDynError> {
     match EngineTypeInfo::kind_of_postgres(of) {
         Some(_) => Ok(()),
         None => {
-            Err(format!("a column of type {}, which is not read here; cast it to text", of.name()).into())
+            Err(format!("a column of type {}, which is not supported; cast it to text", of.name()).into())
         }
     }
 }

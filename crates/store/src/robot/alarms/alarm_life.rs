@@ -82,7 +82,7 @@ pub enum NotDone {
     #[error("there is no anomaly {0}")]
     Unknown(i64),
     /// The history no longer contains it.
-    #[error("anomaly {0} was withdrawn: with more of the history known, it is none")]
+    #[error("anomaly {0} was withdrawn: later tests show that it is none")]
     Withdrawn(i64),
     /// The time is too long for shelving a critical anomaly.
     #[error(
@@ -114,8 +114,8 @@ fn standing(state: AlarmState) -> &'static str {
 
 fn remedy(state: AlarmState, ended: bool) -> &'static str {
     match state {
-        _ if ended => "later tests no longer show it, so that nothing is to be done",
-        AlarmState::Resolved | AlarmState::FalseAlarm => "reopening it takes that back",
+        _ if ended => "later tests no longer show it, so no action is needed",
+        AlarmState::Resolved | AlarmState::FalseAlarm => "reopen it to undo this",
         _ => "nothing was changed",
     }
 }
