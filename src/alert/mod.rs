@@ -4,7 +4,6 @@
 //! that want them and sends what is due: first it writes down that it tries, then it sends, then it writes down that
 //! the message has arrived. A process that dies between the two last steps sends the message again, with the same key.
 
-pub mod advice;
 mod figures;
 mod message;
 mod picture;

@@ -89,8 +89,19 @@ pub struct ServeSettings {
     pub public_url: Option<String>,
     /// Addresses of reverse proxies whose `X-Forwarded-For` says which client sent a request.
     pub trusted_proxies: Vec<IpAddr>,
+    /// TLS of its own, if it has a certificate.
+    pub tls: Option<TlsSettings>,
     /// Uploads, where they are taken.
     pub upload: Option<UploadSettings>,
+}
+
+/// Files for TLS, in PEM.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TlsSettings {
+    /// Certificate of the server, followed by those of its authorities.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
 }
 
 /// How exports are taken over HTTP.
@@ -138,6 +149,10 @@ pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<(Option<ServeSetti
         Some(table) => read_upload(&table).map(Some),
         None => Some(None),
     };
+    let tls = match table.table("tls") {
+        Some(table) => read_tls(&table).map(Some),
+        None => Some(None),
+    };
     let token_file = token_file?;
     let token_file = (!token_file.is_empty()).then(|| PathBuf::from(token_file));
     let serve = ServeSettings {
@@ -145,6 +160,7 @@ pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<(Option<ServeSetti
         token_file,
         public_url: public_url?,
         trusted_proxies: trusted_proxies?,
+        tls: tls?,
         upload: upload?,
     };
     Some((Some(serve), ClientSettings { tokens: tokens?, requests_per_s: requests_per_s? }))
@@ -223,6 +239,12 @@ fn read_proxies(value: &Value<'_>) -> Option<Vec<IpAddr>> {
         address
     };
     value.items()?.into_iter().map(read).collect::<Vec<_>>().into_iter().collect()
+}
+
+fn read_tls(table: &Table<'_>) -> Option<TlsSettings> {
+    let certificate = table.text("certificate").map(PathBuf::from);
+    let key = table.text("key").map(PathBuf::from);
+    Some(TlsSettings { certificate: certificate?, key: key? })
 }
 
 fn read_address(value: &Value<'_>) -> Option<SocketAddr> {

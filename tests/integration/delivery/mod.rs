@@ -1,7 +1,7 @@
 //! Alarms to people: a real daemon, real receivers on this machine. Events are written as conclusions write them
 //! ([`outbox`]); what conclusions write stands beside them.
 
-mod encrypted;
+pub mod encrypted;
 mod kills;
 mod outbox;
 mod real_receivers;
