@@ -19,6 +19,7 @@
 mod access;
 mod answer;
 mod api;
+mod compression;
 mod connections;
 mod metrics;
 mod network;
@@ -32,6 +33,7 @@ mod reserve;
 mod shared;
 mod spool;
 mod status;
+mod tls;
 mod unread_answers;
 mod upload;
 mod watched_stream;
@@ -55,9 +57,12 @@ use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::{OnceCell, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::server::TlsStream;
 use tokio_util::sync::CancellationToken;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -70,10 +75,12 @@ use access::{Access, AccessError};
 use answer::{BODY_BYTES, Refusal};
 use armwatch_config::{ClientSettings, Config, ServeSettings};
 use armwatch_store::Store;
+use compression::{COMPRESSED_AT_ONCE, Wanted, in_wanted_form};
 use connections::{CONNECTIONS, ConnectionPlace, Connections};
 use network::{Network, Proxies};
 use rates::RequestRates;
 use shared::{STATEMENTS, Uploads};
+pub use tls::TlsError;
 use unread_answers::UnreadAnswers;
 use watched_stream::{WRITE_STALL, WatchedStream};
 
@@ -111,6 +118,9 @@ pub enum ServeError {
     /// Who may ask is not settled.
     #[error(transparent)]
     Access(#[from] AccessError),
+    /// The certificate cannot be used.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The address is taken, or not of this machine.
     #[error("cannot listen on {address}: {detail}; change serve.listen in the configuration")]
     Listen {
@@ -125,7 +135,7 @@ impl ServeError {
     /// Whether a person has to change the configuration, rather than the machine.
     #[must_use]
     pub fn is_configuration(&self) -> bool {
-        matches!(self, Self::Access(_))
+        matches!(self, Self::Access(_) | Self::Tls(_))
     }
 }
 
@@ -146,12 +156,14 @@ impl Server {
     }
 }
 
-/// Sees whether it is settled who may ask, as [`start`] does.
+/// Checks the tokens and the certificate, as [`start`] does.
 ///
 /// # Errors
-/// [`ServeError::Access`].
+/// [`ServeError::Access`] and [`ServeError::Tls`].
 pub fn check_access(settings: &ServeSettings, clients: &ClientSettings) -> Result<(), ServeError> {
-    Ok(Access::new(settings, clients).map(|_| ())?)
+    Access::new(settings, clients)?;
+    settings.tls.as_ref().map(tls::acceptor).transpose()?;
+    Ok(())
 }
 
 /// Listens as `settings` say until `stop` is cancelled, and counts requests in `metrics`. Requests in hand are then
@@ -170,6 +182,7 @@ pub async fn start(
     let proxies = Proxies::new(&settings.trusted_proxies);
     let access = Access::new(settings, &clients)?;
     access::warn_if_open(settings, &clients);
+    let acceptor = settings.tls.as_ref().map(tls::acceptor).transpose()?;
     let uploads = match &settings.upload {
         Some(upload) => {
             let uploads = Uploads::new(upload.clone(), config.clone());
@@ -183,7 +196,13 @@ pub async fn start(
         |error: std::io::Error| ServeError::Listen { address: settings.listen, detail: error.to_string() };
     let listener = listen(settings.listen).map_err(listening)?;
     let address = listener.local_addr().map_err(listening)?;
-    tracing::info!(%address, uploads = uploads.is_some(), "serving HTTP");
+    tracing::info!(%address, tls = acceptor.is_some(), uploads = uploads.is_some(), "serving HTTP");
+    let (renewed, acceptor) = acceptor.map(watch::channel).unzip();
+    let renewing = settings
+        .tls
+        .clone()
+        .zip(renewed)
+        .map(|(settings, renewed)| tls::renew(settings, config.clone(), renewed, stop.clone()));
     let shared = Arc::new(Shared {
         store,
         access,
@@ -192,6 +211,7 @@ pub async fn start(
         proxies: proxies.clone(),
         unread: UnreadAnswers::default(),
         statements: Arc::new(Semaphore::new(STATEMENTS)),
+        compressions: Arc::new(Semaphore::new(COMPRESSED_AT_ONCE)),
         replays: Arc::new(Semaphore::new(1)),
         description: OnceLock::new(),
         stop: stop.clone(),
@@ -203,8 +223,13 @@ pub async fn start(
     });
     let cleaning = Arc::clone(&shared);
     let task = tokio::spawn(async move {
-        let accepting = accept(listener, router(shared), proxies, stop);
-        tokio::join!(accepting, upload::clean(&cleaning), api::watch(&cleaning));
+        let accepting = accept(listener, acceptor, router(shared), proxies, stop);
+        let renewing = async {
+            if let Some(renewing) = renewing {
+                renewing.await
+            }
+        };
+        tokio::join!(accepting, upload::clean(&cleaning), api::watch(&cleaning), renewing);
     });
     Ok(Server { address, task })
 }
@@ -255,15 +280,19 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
     {
         return Refusal::too_many(wait.as_secs() + 1).into_response();
     }
+    let wanted = Wanted::by(&request);
     if *request.method() == Method::PUT {
         // an upload has bounds of its own
         return next.run(request).await;
     }
     match tokio::time::timeout(REQUEST_TIME, next.run(request)).await {
-        Ok(answer) => match network {
-            Some(network) => shared.unread.count(network, explained(answer).await).await,
-            None => explained(answer).await,
-        },
+        Ok(answer) => {
+            let answer = in_wanted_form(&shared.compressions, wanted, explained(answer).await).await;
+            match network {
+                Some(network) => shared.unread.count(network, answer).await,
+                None => answer,
+            }
+        }
         Err(_) => Refusal::new(StatusCode::REQUEST_TIMEOUT, "the request took too long; send it again")
             .into_response(),
     }
@@ -289,7 +318,13 @@ async fn explained(answer: Response) -> Response {
     }
 }
 
-async fn accept(listener: TcpListener, router: Router, proxies: Proxies, stop: CancellationToken) {
+async fn accept(
+    listener: TcpListener,
+    tls: Option<watch::Receiver<TlsAcceptor>>,
+    router: Router,
+    proxies: Proxies,
+    stop: CancellationToken,
+) {
     let sockets = Arc::new(Semaphore::new(CONNECTIONS + CLOSING));
     let places = Connections::new(proxies);
     let mut connections = JoinSet::new();
@@ -307,11 +342,23 @@ async fn accept(listener: TcpListener, router: Router, proxies: Proxies, stop: C
                 let network = Network::of(from.ip());
                 let place = places.enter(network);
                 let (router, stop) = (router.clone(), stop.clone());
+                let acceptor = tls.as_ref().map(|tls| tls.borrow().clone());
                 connections.spawn(async move {
                     let evicted = place.progress.evicted.clone();
+                    let stream = WatchedStream::new(stream, Arc::clone(&place.progress), WRITE_STALL);
+                    let served = async {
+                        match acceptor {
+                            None => serve(stream, network, &place, router, stop).await,
+                            Some(acceptor) => {
+                                if let Some(stream) = encrypted(&acceptor, stream, &stop).await {
+                                    serve(stream, network, &place, router, stop).await;
+                                }
+                            }
+                        }
+                    };
                     tokio::select! {
                         () = evicted.cancelled() => {}
-                        () = serve(stream, network, &place, router, stop) => {}
+                        () = served => {}
                     }
                     drop((socket, place));
                 });
@@ -330,8 +377,28 @@ async fn accept(listener: TcpListener, router: Router, proxies: Proxies, stop: C
     }
 }
 
+/// The stream after the handshake; `None` if there is none within the time of a request's headers.
+async fn encrypted(
+    acceptor: &TlsAcceptor,
+    stream: WatchedStream<TcpStream>,
+    stop: &CancellationToken,
+) -> Option<TlsStream<WatchedStream<TcpStream>>> {
+    let shaken = tokio::select! {
+        () = stop.cancelled() => return None,
+        shaken = tokio::time::timeout(HEADER_TIME, acceptor.accept(stream)) => shaken,
+    };
+    match shaken {
+        Ok(Ok(stream)) => Some(stream),
+        Ok(Err(error)) => {
+            tracing::debug!(%error, "no TLS handshake");
+            None
+        }
+        Err(_) => None,
+    }
+}
+
 async fn serve(
-    stream: TcpStream,
+    stream: impl AsyncRead + AsyncWrite + Unpin,
     network: Network,
     place: &ConnectionPlace,
     router: Router,
@@ -345,7 +412,6 @@ async fn serve(
         .max_headers(HEADERS);
     let router = TowerToHyperService::new(router);
     let progress = Arc::clone(&place.progress);
-    let stream = WatchedStream::new(stream, Arc::clone(&progress), WRITE_STALL);
     let service = service_fn(move |mut request: hyper::Request<Incoming>| {
         // a body may keep the daemon waiting
         let answering = request.body().is_end_stream().then(|| progress.answering());

@@ -6,10 +6,9 @@
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
-use super::advice::advice;
 use super::figures::Figures;
 use super::trend::TrendFigures;
-use crate::language::{Language, say, translated};
+use crate::language::{Language, clauses, finding, say, translated};
 use armwatch_model::anomaly::odds::odds_in_words;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
@@ -116,36 +115,16 @@ impl Alarm {
         }
     }
 
-    /// The sentence for a technician. For an alarm that has ended it is the finding, without values of the latest test
-    /// and without advice. Detectors write English; in other languages the sentence consists of the quantity and its
-    /// values.
+    /// What a technician should read. Of an alarm that is over it is what was found, without figures of the latest test
+    /// and without advice.
     #[must_use]
     pub fn sentence(&self) -> String {
         let message = text::shown(&self.event.message);
-        let (found, advice) = match self.language {
-            Language::English if self.is_closed() => (finding(&message).to_owned(), String::new()),
-            Language::English => (message.into_owned(), String::new()),
-            _ => (self.finding(), format!(". {}", self.say(advice(self.event.kind), &[]))),
-        };
-        if self.is_closed() { self.say("was: {0}", &[&found]) } else { found + &advice }
-    }
-
-    /// Quantity, value, expected value, and limit.
-    fn finding(&self) -> String {
-        let AlarmEvent { quantity, value, baseline, threshold, .. } = &self.event;
-        let figures = Figures(*quantity, self.language);
-        let name = self.say(quantity.label(), &[]);
-        let (Some(value), Some(baseline)) = (value, baseline) else {
-            return self.say("{0}: not plausible", &[&name]);
-        };
-        let (value, baseline) = (figures.value(*value), figures.value(*baseline));
-        match threshold.filter(|limit| *limit != 0.0) {
-            Some(limit) => {
-                let limit = figures.score(limit);
-                self.say("{0}: {1}, expected {2} (limit {3})", &[&name, &value, &baseline, &limit])
-            }
-            None => self.say("{0}: {1}, expected {2}", &[&name, &value, &baseline]),
+        if self.is_closed() {
+            let found = clauses(&message).first().map(|found| finding(self.language, found).into_owned());
+            return self.say("was: {0}", &[&found.unwrap_or_default()]);
         }
+        finding(self.language, &message).into_owned()
     }
 
     /// The values: name and text. The sentence, robot and joint are not included.
@@ -395,21 +374,6 @@ fn latest(events: &[Alarm]) -> Vec<&Alarm> {
         events[place + 1..].iter().all(|later| later.event.anomaly_id != of.event.anomaly_id)
     };
     events.iter().enumerate().filter(|(place, of)| is_last(*place, of)).map(|(_, of)| of).collect()
-}
-
-/// The finding in a detector's message, without the values and advice that follow it: up to the first semicolon outside
-/// brackets.
-fn finding(message: &str) -> &str {
-    let mut depth = 0_i32;
-    let end = message.char_indices().find(|(_, letter)| {
-        match letter {
-            '(' => depth += 1,
-            ')' => depth -= 1,
-            _ => {}
-        }
-        *letter == ';' && depth <= 0
-    });
-    end.map_or(message, |(place, _)| &message[..place])
 }
 
 fn seconds(time: &Timestamp) -> String {

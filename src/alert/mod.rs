@@ -4,7 +4,6 @@
 //! that select them and sends due messages: it first stores the attempt, then sends, then stores that the message has
 //! arrived. A process that dies between the last two steps sends the message again, with the same key.
 
-pub mod advice;
 mod figures;
 mod message;
 mod picture;

@@ -1,9 +1,9 @@
-//! A page in another language: its texts are keys of the table of messages. Other texts, such as names and the
-//! sentences of detectors, are unchanged.
+//! A page in another language: its texts are keys of the tables of messages. Other texts, such as names, stay as they
+//! are.
 
 use super::figure::{Figure, Panel};
 use super::page::{Page, PageBlock, TableCell};
-use crate::language::{Language, translated};
+use crate::language::{Language, finding, translated};
 
 impl Page {
     /// The page in a language.
@@ -33,7 +33,24 @@ fn in_words(language: Language, text: &str) -> String {
         let joined = parts.join(separator);
         (joined != text).then(|| joined + close)
     };
-    parts("; ", "").or_else(|| parts(", ", "")).unwrap_or_else(|| text.to_owned())
+    of_detector(language, text)
+        .or_else(|| parts("; ", ""))
+        .or_else(|| parts(", ", ""))
+        .unwrap_or_else(|| text.to_owned())
+}
+
+/// A message of a detector that was written as a sentence; `None` for other texts.
+fn of_detector(language: Language, text: &str) -> Option<String> {
+    let plain = text.strip_suffix('.').unwrap_or(text);
+    let message = with_first(plain, |letter| letter.to_lowercase().to_string());
+    let said = finding(language, &message);
+    let end = if plain == text { "" } else { "." };
+    (said != message).then(|| with_first(&said, |letter| letter.to_uppercase().to_string()) + end)
+}
+
+fn with_first(text: &str, change: impl Fn(char) -> String) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| change(first) + letters.as_str())
 }
 
 fn translate_block(block: &mut PageBlock, change: &dyn Fn(&mut String)) {

@@ -292,6 +292,7 @@ mod tests {
             token_file,
             public_url: None,
             trusted_proxies: Vec::new(),
+            tls: None,
             upload: None,
         }
     }

@@ -9,6 +9,7 @@ mod events;
 mod fleet;
 mod number;
 mod payload;
+mod quarantined;
 mod row;
 mod rows;
 mod session;
@@ -34,6 +35,8 @@ pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
         .routes(routes!(sql::sql))
         .routes(routes!(torque::of_cycle))
         .routes(routes!(payload::payload))
+        .routes(routes!(quarantined::of_fault))
+        .routes(routes!(quarantined::file))
         .routes(routes!(events::events))
         .routes(routes!(act::on_anomaly))
         .routes(routes!(act::maintenance))

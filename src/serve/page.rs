@@ -1,27 +1,24 @@
 //! `GET /`: the dashboard. Its files are part of the program; it asks nothing of any other server.
 
 use std::borrow::Cow;
-use std::io::Write;
 use std::sync::{Arc, LazyLock};
 
 use axum::Router;
 use axum::extract::Path;
 use axum::http::header::{
-    ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG,
-    IF_NONE_MATCH, REFERRER_POLICY, VARY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
+    CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH,
+    REFERRER_POLICY, VARY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
 };
 use axum::http::{HeaderMap, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::response::{AppendHeaders, IntoResponse, Response};
 use axum::routing::get;
 use flate2::Compression;
-use flate2::write::GzEncoder;
 use serde_json::{Map, Value, json};
 
 use super::answer::Refusal;
+use super::compression::{compressed, is_among, tag_of, takes_gzip};
 use super::shared::Shared;
-use crate::alert::advice::advice;
 use crate::language::{Language, module};
-use armwatch_ingest::bytes::fingerprint::of_bytes;
 use armwatch_model::anomaly::AnomalyKind;
 use armwatch_model::anomaly::quantity::Quantity;
 
@@ -103,10 +100,8 @@ fn lists() -> Asset {
             (of.name().to_owned(), facts)
         })
         .collect();
-    let kinds: Map<String, Value> = AnomalyKind::ALL
-        .iter()
-        .map(|of| (of.name().to_owned(), json!({ "label": of.label(), "advice": advice(*of) })))
-        .collect();
+    let kinds: Map<String, Value> =
+        AnomalyKind::ALL.iter().map(|of| (of.name().to_owned(), json!({ "label": of.label() }))).collect();
     let (quantities, kinds) = (Value::Object(quantities), Value::Object(kinds));
     let content = format!("export const QUANTITIES = {quantities};\nexport const KINDS = {kinds};\n");
     Asset { name: LISTS, content: Cow::Owned(content.into_bytes()) }
@@ -136,18 +131,12 @@ struct Sent {
 /// All files, made ready when the first one is asked for.
 static SENT: LazyLock<Vec<Sent>> = LazyLock::new(|| {
     let sent = |asset: Asset| Sent {
-        // weak: the same for both forms
-        tag: format!("W/\"{}\"", of_bytes(&asset.content)),
-        short: compressed(&asset.content).filter(|short| short.len() < asset.content.len()),
+        tag: tag_of(&asset.content),
+        short: compressed(&asset.content, Compression::best()),
         asset,
     };
     assets().into_iter().chain([lists()]).chain(messages()).map(sent).collect()
 });
-
-fn compressed(content: &[u8]) -> Option<Vec<u8>> {
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-    encoder.write_all(content).and_then(|()| encoder.finish()).ok()
-}
 
 fn answer(name: &str, headers: &HeaderMap) -> Response {
     let Some(Sent { asset, tag, short }) = SENT.iter().find(|of| of.asset.name == name) else {
@@ -155,29 +144,27 @@ fn answer(name: &str, headers: &HeaderMap) -> Response {
             .into_response();
     };
     // a newer program has newer files: a browser asks each time, and mostly hears that nothing has changed
-    let fixed = [
-        (CACHE_CONTROL, "no-cache"),
-        (CONTENT_SECURITY_POLICY, POLICY),
-        (REFERRER_POLICY, "no-referrer"),
-        (VARY, "accept-encoding"),
-        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (X_FRAME_OPTIONS, "DENY"),
-    ];
+    let fixed = [(CACHE_CONTROL, "no-cache"), (VARY, "accept-encoding"), (X_CONTENT_TYPE_OPTIONS, "nosniff")];
     let tag = [(ETAG, tag.as_str())];
-    if headers.get(IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag[0].1.as_bytes()) {
+    if headers.get(IF_NONE_MATCH).is_some_and(|known| is_among(known, tag[0].1)) {
         return (StatusCode::NOT_MODIFIED, tag, fixed).into_response();
     }
+    // modules have the policy of the page that loads them
+    let of_page =
+        [(CONTENT_SECURITY_POLICY, POLICY), (REFERRER_POLICY, "no-referrer"), (X_FRAME_OPTIONS, "DENY")];
+    let of_page = content_is_shown(asset.name).then_some(AppendHeaders(of_page));
     let kind = [(CONTENT_TYPE, content_type(asset.name))];
     match short.as_ref().filter(|_| takes_gzip(headers)) {
-        Some(short) => (tag, kind, fixed, [(CONTENT_ENCODING, "gzip")], short.clone()).into_response(),
-        None => (tag, kind, fixed, &*asset.content).into_response(),
+        Some(short) => {
+            (tag, kind, fixed, of_page, [(CONTENT_ENCODING, "gzip")], short.clone()).into_response()
+        }
+        None => (tag, kind, fixed, of_page, &*asset.content).into_response(),
     }
 }
 
-/// Whether a client takes compressed files; one that says how much it likes them is not asked for more.
-fn takes_gzip(headers: &HeaderMap) -> bool {
-    let taken = headers.get(ACCEPT_ENCODING).and_then(|taken| taken.to_str().ok()).unwrap_or_default();
-    taken.split(',').any(|one| one.trim().eq_ignore_ascii_case("gzip"))
+/// Returns true if a browser can show a file by itself, with scripts in it.
+fn content_is_shown(name: &str) -> bool {
+    name.ends_with(".html") || name.ends_with(".svg")
 }
 
 fn content_type(name: &str) -> &'static str {
@@ -196,6 +183,7 @@ mod tests {
 
     #[test]
     fn files_are_sent_compressed_to_who_takes_that() {
+        use axum::http::header::ACCEPT_ENCODING;
         use std::io::Read;
         let mut headers = HeaderMap::new();
         let plain = answer("fleet.js", &headers);

@@ -34,6 +34,8 @@ pub(super) struct Shared {
     pub(super) unread: UnreadAnswers,
     /// Turns of statements of people and programs: their work takes cores from the pipeline.
     pub(super) statements: Arc<Semaphore>,
+    /// Turns of answers that are compressed.
+    pub(super) compressions: Arc<Semaphore>,
     /// The turn of requests that read an export again: one at a time. The task that reads holds it.
     pub(super) replays: Arc<Semaphore>,
     pub(super) stop: CancellationToken,

@@ -48,6 +48,7 @@ mod memory;
 mod estimators;
 mod no_result;
 mod overdue;
+mod own_tls;
 mod parts;
 mod poison;
 #[cfg(target_os = "linux")]

@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::PathBuf;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
+use crate::api::Served;
 use crate::bad_input::decompressed;
+use crate::small::export;
 use crate::support::{Workshop, text};
 
 const NAME: &str = "R00_20260105_0847.csv";
@@ -201,4 +203,50 @@ fn what_is_no_export_is_dismissed_with_a_reason_and_a_retry_brings_it_back() {
     assert_eq!(workshop.number("SELECT count(*) FROM dismissal WHERE withdrawn_at > dismissed_at"), 1);
     workshop.stdout(&dismiss, 0);
     assert_eq!(workshop.number(OPEN), 0);
+}
+
+#[test]
+fn a_person_who_may_act_sees_the_fault_in_the_export_and_no_file_that_is_none() {
+    let screen = "[[serve.token]]\nname = \"screen\"\nfile = \"screen\"\nscopes = [\"read\"]\n";
+    let served = Served::with(true, screen);
+    let faulty = export("B", 2, 6);
+    let rows: Vec<&str> = std::str::from_utf8(&faulty.bytes).expect("text").lines().collect();
+    let mut cells: Vec<&str> = rows[6].split(',').collect();
+    cells[1] = "x7";
+    let wrong = cells.join(",");
+    let text: Vec<&str> =
+        rows.iter().enumerate().map(|(at, row)| if at == 6 { &*wrong } else { *row }).collect();
+    let bytes = text.join("\n") + "\n";
+    fs::write(served.workshop.inbox(&faulty.name), &bytes).expect("written");
+    fs::write(served.workshop.inbox("passwords.csv"), "user,password\nlena,secret\notto,hidden\n")
+        .expect("written");
+    let number = |name: &str| {
+        served.workshop.number(&format!("SELECT run_id FROM quarantine WHERE source_name LIKE '{name}%'"))
+    };
+    served.workshop.wait_until(|| number("passwords") > 0 && number(&faulty.name) > 0);
+    let run = number(&faulty.name);
+
+    let found = served.get(&format!("/v1/quarantine/{run}/excerpt"));
+    assert_eq!(found.status, 200, "{}", found.body);
+    let found = found.json();
+    assert_eq!((&found["line"], &found["first_line"]), (&json!(7), &json!(5)));
+    assert_eq!(found["lines"], json!([rows[4], rows[5], wrong, rows[7], rows[8]]));
+    let cell = |name: &str| found[name].as_u64().and_then(|at| usize::try_from(at).ok()).expect("a cell");
+    assert_eq!(&wrong[cell("cell_begin")..cell("cell_end")], "x7");
+    let file = served.get(&format!("/v1/quarantine/{run}/file"));
+    assert_eq!((file.status, file.body.as_str()), (200, bytes.as_str()));
+    assert!(file.header("content-disposition").is_some_and(|name| name.contains(&faulty.name)));
+
+    for what in ["excerpt", "file"] {
+        let secret = served.get(&format!("/v1/quarantine/{}/{what}", number("passwords")));
+        assert_eq!(secret.status, 404, "{}", secret.body);
+        assert!(!secret.body.contains("lena") && secret.body.contains("may be no export"), "{}", secret.body);
+        let header = "Authorization: Bearer token-of-a-screen-0123\r\n";
+        let refused = served.ask(&format!("GET /v1/quarantine/{run}/{what}"), header, b"");
+        assert_eq!(refused.status, 403, "{}", refused.body);
+    }
+    // of other bytes, the lines say nothing
+    fs::write(served.workshop.inbox(&faulty.name), "time\n1\n").expect("written");
+    assert_eq!(served.get(&format!("/v1/quarantine/{run}/file")).status, 410);
+    served.end();
 }

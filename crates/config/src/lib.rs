@@ -44,7 +44,7 @@ pub use self::pattern::FilePatterns;
 pub use self::retention::RetentionSettings;
 pub use self::robot::cell_file::read_cell;
 pub use self::robot::robot_file::{parse_robot, read_robot};
-pub use self::serve::{ClientSettings, Scope, ServeSettings, TokenSettings, UploadSettings};
+pub use self::serve::{ClientSettings, Scope, ServeSettings, TlsSettings, TokenSettings, UploadSettings};
 pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 pub use self::snapshot::SnapshotSettings;
 pub use self::source::{ConfigSource, maker_layouts, shipped_files};

@@ -89,11 +89,22 @@ pub struct ServeSettings {
     pub public_url: Option<String>,
     /// Addresses of reverse proxies whose `X-Forwarded-For` identifies the client of a request.
     pub trusted_proxies: Vec<IpAddr>,
-    /// Uploads, if they are accepted.
+    /// TLS of its own, if it has a certificate.
+    pub tls: Option<TlsSettings>,
+    /// Uploads, where they are taken.
     pub upload: Option<UploadSettings>,
 }
 
-/// Settings of uploads over HTTP.
+/// Files for TLS, in PEM.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TlsSettings {
+    /// Certificate of the server, followed by those of its authorities.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+}
+
+/// How exports are taken over HTTP.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UploadSettings {
     /// Folder of uploads; it is watched like the others.
@@ -139,6 +150,10 @@ pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<(Option<ServeSetti
         Some(table) => read_upload(&table).map(Some),
         None => Some(None),
     };
+    let tls = match table.table("tls") {
+        Some(table) => read_tls(&table).map(Some),
+        None => Some(None),
+    };
     let token_file = token_file?;
     let token_file = (!token_file.is_empty()).then(|| PathBuf::from(token_file));
     let serve = ServeSettings {
@@ -146,6 +161,7 @@ pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<(Option<ServeSetti
         token_file,
         public_url: public_url?,
         trusted_proxies: trusted_proxies?,
+        tls: tls?,
         upload: upload?,
     };
     Some((Some(serve), ClientSettings { tokens: tokens?, requests_per_s: requests_per_s? }))
@@ -227,6 +243,12 @@ fn read_proxies(value: &Value<'_>) -> Option<Vec<IpAddr>> {
         address
     };
     value.items()?.into_iter().map(read).collect::<Vec<_>>().into_iter().collect()
+}
+
+fn read_tls(table: &Table<'_>) -> Option<TlsSettings> {
+    let certificate = table.text("certificate").map(PathBuf::from);
+    let key = table.text("key").map(PathBuf::from);
+    Some(TlsSettings { certificate: certificate?, key: key? })
 }
 
 fn read_address(value: &Value<'_>) -> Option<SocketAddr> {

@@ -66,7 +66,8 @@ impl Config {
             Secret::File(path) => Some(&**path),
             Secret::Environment(_) => None,
         });
-        served.into_iter().chain(tokens).chain(files)
+        let key = self.serve.as_ref().and_then(|serve| serve.tls.as_ref()).map(|tls| &*tls.key);
+        served.into_iter().chain(key).chain(tokens).chain(files)
     }
 
     /// The entry of the robot called `robot`: the first whose pattern matches the whole name, preferably one for all

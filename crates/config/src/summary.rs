@@ -136,7 +136,8 @@ fn serve(serve: &ServeSettings) -> String {
         [] => String::new(),
         some => format!("; behind {}", some.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
     };
-    format!("{}{url}{proxies}; {token}; {upload}", serve.listen)
+    let tls = if serve.tls.is_some() { " with TLS" } else { "" };
+    format!("{}{tls}{url}{proxies}; {token}; {upload}", serve.listen)
 }
 
 fn clients(clients: &ClientSettings) -> String {

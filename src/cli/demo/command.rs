@@ -174,6 +174,7 @@ async fn dashboard(
             token_file: Some(token_file.clone()),
             public_url: None,
             trusted_proxies: Vec::new(),
+            tls: None,
             upload: None,
         };
         let started =

@@ -5,14 +5,15 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use axum::Extension;
-use axum::extract::State;
+use axum::extract::{Query, State};
 use axum::http::HeaderMap;
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::row::ViewRow;
-use crate::serve::answer::{Json, Refusal, Refused};
+use super::row::{ViewRow, language};
+use crate::language::finding;
+use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_store::{ResultTable, Store, StoredCounts, ViewRows, time_in_views};
 
@@ -28,7 +29,7 @@ const MOST: u32 = 100_000;
 /// The fleet at a glance
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Fleet {
-    /// Time of the daemon's machine, UTC
+    /// Time of the daemon's machine to the full minute, UTC, so that an answer with the same rows is the same
     #[schema(format = DateTime)]
     now: String,
     /// How many there are
@@ -144,6 +145,12 @@ pub struct LiveExport {
     cycles: u64,
 }
 
+/// What a request asks for.
+#[derive(Debug, Deserialize)]
+pub struct FleetQuery {
+    language: Option<String>,
+}
+
 /// What was told last, and of which version of the database.
 #[derive(Debug, Default)]
 pub struct FleetCache(tokio::sync::Mutex<Option<(i64, Fleet)>>);
@@ -153,15 +160,22 @@ pub struct FleetCache(tokio::sync::Mutex<Option<(i64, Fleet)>>);
 /// Every robot with its joints, alarms that are not settled, and exports that are being read.
 #[utoipa::path(
     get, path = "/v1/fleet", tag = "Rows", operation_id = "fleet",
-    responses((status = 200, description = "The fleet", body = Fleet), Refused),
+    params(("language" = Option<String>, Query, description = "en, it, de or zh: language of messages and reasons; English where it is not given")),
+    responses(
+        (status = 200, description = "The fleet", body = Fleet),
+        (status = 400, description = "No such language", body = Problem),
+        Refused,
+    ),
     security(("token" = ["read"]), ()),
 )]
 pub async fn fleet(
     State(shared): State<Arc<Shared>>,
     Extension(kept): Extension<Arc<FleetCache>>,
+    Query(asked): Query<FleetQuery>,
     headers: HeaderMap,
 ) -> Result<Json<Fleet>, Refusal> {
     shared.access.check(&headers)?;
+    let spoken = asked.language.as_deref().map(language).transpose()?.unwrap_or_default();
     let store = shared.looking().await?;
     // pages that ask meanwhile wait for this answer, and share it until the database changes
     let mut kept = kept.0.lock().await;
@@ -177,8 +191,16 @@ pub async fn fleet(
         drift_critical_fraction: config.detect.drift_critical,
     };
     fleet.watched = config.watch.folders.iter().map(|folder| folder.display().to_string()).collect();
-    fleet.now = time_in_views(Timestamp::now());
+    fleet.anomalies = fleet.anomalies.into_iter().map(|row| row.in_language(spoken)).collect();
+    for joint in fleet.robots.iter_mut().flat_map(|robot| &mut robot.joints) {
+        joint.reason = joint.reason.take().map(|reason| finding(spoken, &reason).into_owned());
+    }
+    fleet.now = time_in_views(full_minute(Timestamp::now()));
     Ok(Json(fleet))
+}
+
+fn full_minute(time: Timestamp) -> Timestamp {
+    Timestamp::from_second(time.as_second().div_euclid(60) * 60).unwrap_or(time)
 }
 
 /// The stored fleet, without values of the configuration and the clock.

@@ -1,10 +1,14 @@
 //! A row of a view in an answer.
 
+use axum::http::StatusCode;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, Object, ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::{PartialSchema, ToSchema};
+
+use crate::language::{Language, finding};
+use crate::serve::answer::Refusal;
 
 /// A value for each column of the view, by its name.
 #[derive(Debug, Clone, Serialize)]
@@ -18,6 +22,27 @@ impl ViewRow {
             Value::Object(columns) => Some(Self(columns)),
             _ => None,
         }
+    }
+
+    /// The row with what detectors wrote in a language: messages, reasons and the causes that were compared.
+    #[must_use]
+    pub fn in_language(mut self, language: Language) -> Self {
+        for column in ["message", "reason"] {
+            if let Some(Value::String(text)) = self.0.get_mut(column) {
+                *text = finding(language, text).into_owned();
+            }
+        }
+        if let Some(Value::String(text)) = self.0.get_mut("alternatives")
+            && let Ok(mut causes) = serde_json::from_str::<Value>(text)
+        {
+            for cause in causes.as_array_mut().into_iter().flatten() {
+                if let Some(Value::String(cause)) = cause.get_mut("cause") {
+                    *cause = finding(language, cause).into_owned();
+                }
+            }
+            *text = causes.to_string();
+        }
+        self
     }
 
     /// The text of a column, where it has one.
@@ -39,6 +64,14 @@ impl ViewRow {
     pub fn text(&self, column: &str) -> &str {
         self.0.get(column).and_then(Value::as_str).unwrap_or_default()
     }
+}
+
+/// The language that a request asks for.
+pub fn language(code: &str) -> Result<Language, Refusal> {
+    Language::ALL.into_iter().find(|language| language.code() == code).ok_or_else(|| {
+        let codes = Language::ALL.map(Language::code).join(", ");
+        Refusal::new(StatusCode::BAD_REQUEST, format!("language = {code}: give one of {codes}"))
+    })
 }
 
 impl PartialSchema for ViewRow {

@@ -7,7 +7,8 @@ use axum::http::{HeaderMap, StatusCode};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::row::ViewRow;
+use super::row::{ViewRow, language};
+use crate::language::Language;
 use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_store::ViewRows;
@@ -17,6 +18,9 @@ const USUAL_LIMIT: usize = 1000;
 
 /// Most rows of an answer.
 const MOST: usize = 10_000;
+
+/// Views with messages of detectors.
+const SPOKEN_VIEWS: [&str; 2] = ["anomalies", "fleet_health"];
 
 /// The views of the database
 #[derive(Debug, Serialize, ToSchema)]
@@ -66,6 +70,7 @@ pub async fn views(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Res
         ("view" = String, Path, description = "Name of the view"),
         ("limit" = Option<usize>, Query, description = "Most rows; 1000 where it is not given", minimum = 1, maximum = 10_000),
         ("order" = Option<String>, Query, description = "Column to sort by, with - in front from its highest value down"),
+        ("language" = Option<String>, Query, description = "en, it, de or zh: language of the messages of anomalies and reasons of fleet_health; English where it is not given"),
     ),
     responses(
         (status = 200, description = "The rows", body = RowPage),
@@ -83,8 +88,10 @@ pub async fn of_view(
 ) -> Result<Json<RowPage>, Refusal> {
     shared.access.check(&headers)?;
     let mut wanted = ViewRows { limit: USUAL_LIMIT, ..ViewRows::default() };
+    let mut spoken = Language::English;
     for (name, value) in asked {
         match name.as_str() {
+            "language" => spoken = language(&value)?,
             "limit" => wanted.limit = limit(&value)?,
             "order" => {
                 wanted.order = Some(match value.strip_prefix('-') {
@@ -102,7 +109,11 @@ pub async fn of_view(
         shared.looking().await?.rows_of_view(&view, &wanted).await.map_err(Refusal::unanswered)?;
     let truncated = table.rows.len() > most;
     table.rows.truncate(most);
-    let rows = table.objects().filter_map(ViewRow::of).collect();
+    let rows = table.objects().filter_map(ViewRow::of);
+    let rows = match SPOKEN_VIEWS.contains(&view.as_str()) {
+        true => rows.map(|row| row.in_language(spoken)).collect(),
+        false => rows.collect(),
+    };
     Ok(Json(RowPage { view, rows, truncated }))
 }
 

@@ -1,5 +1,5 @@
 import { actionButton, assignButton, commentForm, possibleActions, whyNot, workButton } from "./actions.js";
-import { get, view } from "./api.js";
+import { fleet, view } from "./api.js";
 import { h } from "./dom.js";
 import { ago, isNumber, likelihood, moment, percent, sentence } from "./format.js";
 import { robotLink } from "./fleet.js";
@@ -96,14 +96,14 @@ export function mount({ main, argument, title }) {
       if (!one) return { one };
       const shown = one.quantity.includes("rmsd") && one.joint !== null ? "rmsd" : "index";
       const joint = one.joint ?? null;
-      const [fleet, works, rows] = await Promise.all([
-        shown === "index" ? get("v1/fleet", signal).catch(() => null) : null,
+      const [robots, works, rows] = await Promise.all([
+        shown === "index" ? fleet(signal).catch(() => null) : null,
         view("maintenance_log", { robot: one.robot }, signal),
         shown === "rmsd" ? view("cycle_rmsd", { robot: one.robot, joint, stage: "excitation", verification: "self", order: "-run_id", limit: 10000 }, signal)
           : joint === null ? null : view("friction_index", { robot: one.robot, joint, order: "-started_at", limit: 10000 }, signal).then((answer) => ({ rows: answer.rows.reverse() })),
       ]);
       const runs = shown === "rmsd" ? (await view("runs", { robot: one.robot, kind: "test", limit: 10000 }, signal)).rows.map((run) => [run.run_id, run.started_at]) : null;
-      return { one, shown, limits: fleet?.limits, works: works.rows, rows: rows?.rows ?? [], runs };
+      return { one, shown, limits: robots?.limits, works: works.rows, rows: rows?.rows ?? [], runs };
     },
     draw: ({ one, shown, limits, works, rows, runs }, owned) => {
       if (!one) return empty(t`No evidence.`);
@@ -128,7 +128,7 @@ export function mount({ main, argument, title }) {
       if (!isNumber(one.odds) && !others.length) return h("p", { class: "muted" }, t`Other causes were not compared.`);
       return h("ol", { class: "causes" },
         h("li", null, h("b", null, `${kindName(one.kind)}, ${jointName(one.joint)}`), h("span", null, t`${likelihood(one.odds)}, against all others together`)),
-        others.map((other) => h("li", null, h("span", { lang: "en" }, sentence(String(other.cause ?? ""))), h("span", { class: "muted" }, likelihood(other.odds)))));
+        others.map((other) => h("li", null, h("span", null, sentence(String(other.cause ?? ""))), h("span", { class: "muted" }, likelihood(other.odds)))));
     },
   });
 

@@ -1,5 +1,5 @@
 import { askToken } from "./dialog.js";
-import { t } from "./messages.js";
+import { language, t } from "./messages.js";
 
 const KEY = "armwatch.token";
 let refused = false;
@@ -35,10 +35,10 @@ async function failure(answer) {
 
 async function send(path, options) {
   try {
-    const { early } = globalThis;
-    if (early?.path === path) {
-      globalThis.early = null;
-      return await early.answer;
+    const early = options.method ? null : globalThis.early?.[path];
+    if (early) {
+      delete globalThis.early[path];
+      return await early;
     }
     return await fetch(new URL(path, document.baseURI), { ...options, headers: { ...options.headers, ...headers() } });
   } catch (error) {
@@ -47,7 +47,7 @@ async function send(path, options) {
   }
 }
 
-async function request(path, options = {}) {
+async function answered(path, options) {
   let answer = await send(path, options);
   while (answer.status === 401) {
     const sentence = (await failure(answer)).message;
@@ -59,8 +59,16 @@ async function request(path, options = {}) {
     answer = await send(path, options);
   }
   if (!answer.ok) throw await failure(answer);
+  return answer;
+}
+
+async function request(path, options = {}) {
+  const answer = await answered(path, options);
   return answer.status === 204 ? null : answer.json();
 }
+
+/** The bytes of a file. */
+export const getFile = async (path) => (await answered(path, {})).blob();
 
 /** What this browser may do; null until the daemon has said so. */
 export let rights = null;
@@ -97,10 +105,14 @@ export function mayAskAgain() {
 
 export const get = (path, signal) => request(path, { signal });
 
+/** The fleet at a glance, with messages in the language of the page. */
+export const fleet = (signal) => get(language === "en" ? "v1/fleet" : `v1/fleet?language=${language}`, signal);
+
 /** Rows of an SQL view. A view that an older daemon does not have gives no rows. */
 export async function view(name, query = {}, signal) {
   const wanted = new URLSearchParams();
   for (const [key, value] of Object.entries(query)) wanted.set(key, value === null ? "null" : value);
+  if (language !== "en") wanted.set("language", language);
   const text = wanted.toString();
   try {
     return await get(`v1/views/${name}${text ? `?${text}` : ""}`, signal);

@@ -76,10 +76,15 @@ export function table({ caption, showCaption, columns, rows, key, tall }) {
 /** A button that saves rows of a view with all their columns, units in the names. */
 function csvButton(caption, rows) {
   return h("button", { type: "button", class: "quiet", "data-key": `csv/${caption}`, "aria-label": t`${caption}: save as CSV`, onclick: () => {
-    const url = URL.createObjectURL(new Blob([csv(rows)], { type: "text/csv;charset=utf-8" }));
-    h("a", { href: url, download: `armwatch ${caption}.csv` }).click();
-    setTimeout(() => URL.revokeObjectURL(url), 60_000);
+    save(new Blob([csv(rows)], { type: "text/csv;charset=utf-8" }), `armwatch ${caption}.csv`);
   } }, t`Save as CSV`);
+}
+
+/** Saves a file on this device. */
+export function save(blob, name) {
+  const url = URL.createObjectURL(blob);
+  h("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
 function csv(rows) {

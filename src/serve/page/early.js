@@ -17,10 +17,11 @@ if (carried) {
   try { sessionStorage.setItem("armwatch.token", carried[1]); } catch { /* Without storage the page asks for it. */ }
   history.replaceState(null, "", `${location.pathname}#/`);
 }
-// The fleet is asked for while the modules are still on their way. api.js takes the answer.
-if (/^(#\/?(\?.*)?)?$/.test(location.hash)) {
-  let token = null;
-  try { token = sessionStorage.getItem("armwatch.token"); } catch { /* Without storage the page asks for the token. */ }
-  globalThis.early = { path: "v1/fleet", answer: fetch("v1/fleet", token ? { headers: { Authorization: `Bearer ${token}` } } : {}) };
-  globalThis.early.answer.catch(() => {});
+// The first data are asked for while the modules are still on their way. api.js takes the answers.
+let token = null;
+try { token = sessionStorage.getItem("armwatch.token"); } catch { /* Without storage the page asks for the token. */ }
+globalThis.early = {};
+for (const path of /^(#\/?(\?.*)?)?$/.test(location.hash) ? ["v1/session", language === "en" ? "v1/fleet" : `v1/fleet?language=${language}`] : ["v1/session"]) {
+  globalThis.early[path] = fetch(path, token ? { headers: { Authorization: `Bearer ${token}` } } : {});
+  globalThis.early[path].catch(() => {});
 }

@@ -1,11 +1,11 @@
-import { get } from "./api.js";
+import { fleet } from "./api.js";
 import { announce, h, hidden, icon, replace } from "./dom.js";
-import { ago, change, count, finding, moment, plural } from "./format.js";
+import { ago, change, count, moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
 import { badge, jointName, kindName, kindWord, known, rank, severityName, stateName, STATUSES, statusName } from "./status.js";
-import { findingOf, isFriction, more } from "./quantities.js";
+import { findingOf, isFriction } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -268,7 +268,7 @@ export function mount({ main, query, choose, title }) {
 
   async function refresh() {
     try {
-      const fresh = await get("v1/fleet");
+      const fresh = await fleet();
       if (gone) return;
       if (data && fresh.counts.open_alarms > data.counts.open_alarms) announce(t`A new alarm. ${plural(fresh.counts.open_alarms, "open alarm")}.`);
       data = fresh;

@@ -71,10 +71,8 @@ export function clauses(message) {
   return (message ?? "").split(/; (?![^()]*\))/);
 }
 
-/** The finding of an alarm, without the joint, which stands beside it, and without figures and advice that follow. */
-export function finding(message) {
-  return sentence(clauses((message ?? "").replace(/^joint \d+: /, ""))[0]);
-}
+/** A message without its joint, which stands beside it. */
+export const withoutJoint = (message, joint) => (message?.startsWith(`${joint}: `) ? message.slice(joint.length + 2) : message ?? "");
 
 function utcTitle(text) {
   return `${text.replace("T", " ").replace(/\.000Z$/, "Z").replace("Z", "")} UTC`;

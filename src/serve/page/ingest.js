@@ -1,6 +1,6 @@
 import { dismissButton, retryButton, whyNot } from "./actions.js";
-import { get, view } from "./api.js";
-import { h, icon } from "./dom.js";
+import { fleet, get, getFile, rights, view } from "./api.js";
+import { h, icon, replace, save, toast } from "./dom.js";
 import { ago, count, moment, plural, sentence } from "./format.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
@@ -15,6 +15,34 @@ function fact(name, value) {
   return value === null || value === undefined || value === "" ? null : h("div", null, h("dt", null, name), h("dd", null, value));
 }
 
+/** The export itself, for who may act on it: the lines around the fault, and the file. */
+function original(one) {
+  if (!rights?.act || one.line === null || !["open", "dismissed"].includes(one.state)) return null;
+  const body = h("div");
+  const lines = h("details", { "data-key": `lines/${one.fault_id}`, ontoggle: async () => {
+    if (!lines.open || body.firstChild) return;
+    try {
+      const found = await get(`v1/quarantine/${one.run_id}/excerpt`);
+      const file = h("button", { type: "button", class: "quiet", "data-key": `file/${one.fault_id}`, onclick: async () => {
+        try { save(await getFile(`v1/quarantine/${one.run_id}/file`), one.source_name); } catch (error) { toast(error.message); }
+      } }, t`Save the original file`);
+      replace(body, h("pre", { class: "excerpt", tabindex: 0, "aria-label": t`Lines around the fault` }, found.lines.map((text, index) => excerptLine(found, text, index))), file);
+    } catch (error) {
+      replace(body, h("p", { class: "muted" }, error.message, "."));
+    }
+  } }, h("summary", { "data-key": `lines-summary/${one.fault_id}` }, t`Lines around the fault`), body);
+  return lines;
+}
+
+function excerptLine(found, text, index) {
+  const number = found.first_line + index;
+  const cells = [...text];
+  const { cell_begin: begin, cell_end: end } = found;
+  const whole = number !== found.line || begin === null;
+  return h("span", { class: number === found.line ? "at" : null }, h("span", { class: "muted" }, String(number).padStart(6), "  "),
+    whole ? text : [cells.slice(0, begin).join(""), h("mark", null, cells.slice(begin, end).join("")), cells.slice(end).join("")], "\n");
+}
+
 function fault(one, soon) {
   return h("li", { class: "fault" },
     h("div", { class: "fault-head" },
@@ -22,6 +50,7 @@ function fault(one, soon) {
       one.state === "open" ? h("div", { class: "pair" }, retryButton(one, soon), dismissButton(one, soon)) : one.state === "dismissed" ? retryButton(one, soon) : h("span", { class: "tag" }, STATES[one.state] ?? one.state)),
     h("p", { class: "lead" }, sentence(one.problem), "."),
     one.remedy ? h("p", null, h("b", null, t`What to do:`), " ", one.remedy, ".") : null,
+    original(one),
     one.retry_asked_at ? h("p", { class: "muted" }, t`Another attempt was asked for ${ago(one.retry_asked_at)}.`) : null,
     one.dismissal_reason ? h("p", { class: "muted" }, t`Dismissed by ${one.dismissed_by ?? t`somebody`}: ${one.dismissal_reason}`) : null,
     h("dl", { class: "facts" },
@@ -47,7 +76,7 @@ export function mount({ main, title }) {
 
   const live = part({
     title: t`Live files`, className: "flush",
-    load: async (signal) => (await get("v1/fleet", signal)).live,
+    load: async (signal) => (await fleet(signal)).live,
     draw: (rows) => (rows.length ? h("ul", { class: "lives" }, rows.map((one) => h("li", null,
       h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` }, h("span", { class: "badge s-live" }, icon("live"), one.robot),
         h("span", null, t`${plural(one.cycles, "cycle")} so far`), h("span", { class: "muted file" }, one.source_name), h("span", { class: "muted" }, t`began ${ago(one.started_at)}`)))))
@@ -77,7 +106,7 @@ export function mount({ main, title }) {
 
   const runs = part({
     title: t`Latest runs`,
-    load: async (signal) => ({ rows: (await view("runs", { order: "-run_id", limit: 30 }, signal)).rows, fleet: { watched: (await get("v1/fleet", signal)).watched } }),
+    load: async (signal) => ({ rows: (await view("runs", { order: "-run_id", limit: 30 }, signal)).rows, fleet: { watched: (await fleet(signal)).watched } }),
     draw: ({ rows, fleet }) => (rows.length ? runTable(rows, t`The latest 30 runs`, true)
       : empty(h("p", null, t`No export was read yet.`), watchedNote(fleet), demoNote())),
   });

@@ -53,7 +53,7 @@ async function show() {
   history.replaceState({ seen: true }, "");
   if (!first) main.replaceChildren(loading());
   try {
-    const { mount } = await import(`./${file}.js`);
+    const [{ mount }] = await Promise.all([import(`./${file}.js`), ready]);
     if (at !== here) return;
     page = mount({ main, argument, query, choose, title: (text) => { document.title = `${text} \u2013 armwatch`; } });
     const own = page;
@@ -135,12 +135,13 @@ addEventListener("rightschanged", async () => {
   await about();
   await show();
 });
-// The first page is loaded before all else that would share its connections. The files of the other pages follow, so that
-// links work while the daemon does not.
-show().finally(async () => {
+// Buttons show at once what this browser may do.
+const ready = about();
+// Other pages can be opened while the daemon does not answer. Their files come after all that the first page needs.
+const OTHERS_AFTER_MS = 10_000;
+show().finally(() => {
   stream.start();
-  const known = rights;
-  await about();
-  if (known === null && !rights?.act) await show();
-  for (const name of new Set(Object.values(PAGES))) await import(`./${name}.js`).catch(() => {});
+  setTimeout(async () => {
+    for (const name of new Set(Object.values(PAGES))) await import(`./${name}.js`).catch(() => {});
+  }, OTHERS_AFTER_MS);
 });

@@ -1,6 +1,7 @@
-import { change, clauses, digits, finding, fixed, isNumber, percent, sentence } from "./format.js";
-import { KINDS, QUANTITIES } from "./lists.js";
-import { language, t } from "./messages.js";
+import { change, clauses, digits, fixed, isNumber, percent, sentence, withoutJoint } from "./format.js";
+import { QUANTITIES } from "./lists.js";
+import { t } from "./messages.js";
+import { jointName } from "./status.js";
 
 const times = (value) => t`${digits(value, 3)} times`;
 
@@ -40,21 +41,8 @@ export function limitAndScore(one) {
   return [(one.threshold ? said(one.threshold) : null) ?? t`none`, text ?? ""];
 }
 
-/**
- * The finding of an alarm, without the joint, which stands beside it. Detectors write English; in another language the
- * sentence is made of the quantity and its values.
- */
-export function findingOf(one) {
-  if (language === "en") return finding(one.message);
-  const name = sentence(quantityName(one.quantity, one.kind));
-  if (!isNumber(one.value) || !isNumber(one.baseline)) return t`${name}: not plausible`;
-  const limit = one.threshold ? [written(one, "score", one.threshold)] : [];
-  const [value, expected] = [figure(one, one.value), figure(one, one.baseline).replace(/ \([^()]*%\)$/, "")];
-  return limit.length ? t`${name}: ${value}, expected ${expected} (limit ${limit[0]})` : t`${name}: ${value}, expected ${expected}`;
-}
+/** The finding of an alarm, without values and advice that follow. */
+export const findingOf = (one) => sentence(clauses(withoutJoint(one.message, jointName(one.joint)))[0]);
 
 /** What follows the finding: values and advice. */
-export function more(one) {
-  const rest = clauses(one.message).slice(1).map((text) => `${sentence(text)}.`);
-  return language === "en" ? rest : [t(KINDS[one.kind]?.advice ?? "")];
-}
+export const more = (one) => clauses(one.message).slice(1).map((text) => `${sentence(text)}.`);

@@ -1,14 +1,13 @@
 import { cancelWindowButton, deleteButton, editButton, maintenanceForm, windowButton } from "./actions.js";
-import { get, view } from "./api.js";
+import { fleet as readFleet, get, view } from "./api.js";
 import { h, icon, replace, table } from "./dom.js";
 import { alarmRow, alarmsOf, jointCell, robotLink, staleSince } from "./fleet.js";
-import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, tick, unit } from "./format.js";
+import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, tick, unit, withoutJoint } from "./format.js";
 import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plot.js";
-import { language, t } from "./messages.js";
+import { t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { legend, plot, seconds } from "./plot.js";
 import { speedPlot, warmUpPlot } from "./friction-plots.js";
-import { findingOf, more } from "./quantities.js";
 import { sparkRange } from "./spark.js";
 import { badge, jointName, known, rank } from "./status.js";
 
@@ -50,7 +49,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
   const chosen = new Promise((resolve) => { ready = resolve; });
   
 
-  const fleet = () => (asked ??= get("v1/fleet"));
+  const fleet = () => (asked ??= readFleet());
   const jointsOf = () => whole?.joints.map((one) => one.joint) ?? [];
 
   const head = h("div");
@@ -74,7 +73,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
         h("span", null, t`last test ${moment(whole.last_run_at)}`, h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
         whole.expected_by ? h("span", { class: worst.some((one) => one.status === "overdue") ? "late" : "muted" },
           Date.parse(whole.expected_by) < Date.now() ? t`next test was expected by ${moment(whole.expected_by, "day")}` : t`next test expected by ${moment(whole.expected_by, "day")}`) : null),
-      [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? t`All joints:` : joints.length > 1 ? t`Joints ${joints.map((one) => one.joint).join(", ")}:` : t`Joint ${joints[0].joint}:`, " ", reasonText(data.anomalies, reason))),
+      [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? t`All joints:` : joints.length > 1 ? t`Joints ${joints.map((one) => one.joint).join(", ")}:` : t`Joint ${joints[0].joint}:`, " ", withoutJoint(reason, jointName(joints[0].joint)), ".")),
       whole.joints.filter((one) => one.warning_by || one.critical_by).map((one) => h("p", { class: "lead" }, t`Joint ${one.joint}: friction is ${one.trend ? t(one.trend) : t`changing`}.`, " ",
         one.warning_by ? [t`A warning is expected by ${moment(one.warning_by, "day")}.`, " "] : null, one.critical_by ? [t`The critical limit is expected by ${moment(one.critical_by, "day")}.`] : null)),
       h("nav", { class: "cells joints", "aria-label": t`Joints` }, whole.joints.map((one) => {
@@ -90,12 +89,6 @@ export function mount({ main, argument: robot, query, choose, title }) {
   }
 
   const soon = () => { refresh().catch(() => {}); };
-
-  /** The reason of a status: of an alarm in the language of the page, of all else in English. */
-  function reasonText(anomalies, reason) {
-    const alarm = language === "en" ? null : anomalies.find((one) => one.robot === robot && one.message === reason);
-    return alarm ? `${findingOf(alarm)}. ${more(alarm)[0]}` : h("span", { lang: "en" }, reason.replace(/^joint \d+: /, ""), ".");
-  }
 
   const jointSelect = h("select", { id: "joint", onchange: () => setJoint(Number(jointSelect.value)) });
   const runSelect = h("select", { id: "run", onchange: () => {

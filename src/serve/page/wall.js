@@ -1,4 +1,4 @@
-import { get } from "./api.js";
+import { fleet } from "./api.js";
 import { h, hidden, icon } from "./dom.js";
 import { alarmsOf, jointLook, robotLink, staleSince, watchedNote, worstFirst } from "./fleet.js";
 import { moment, plural } from "./format.js";
@@ -33,7 +33,7 @@ export function mount({ main, title }) {
   }
 
   const tiles = part({
-    className: "bare", load: (signal) => get("v1/fleet", signal),
+    className: "bare", load: (signal) => fleet(signal),
     draw: (data) => {
       if (!data.robots.length) return empty(h("h2", null, t`No test yet`), watchedNote(data));
       const counts = STATUSES.map((name) => [name, data.robots.filter((one) => one.status === name).length]).filter(([, of]) => of);

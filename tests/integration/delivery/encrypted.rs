@@ -20,7 +20,7 @@ use super::workshop;
 use crate::support::Workshop;
 
 /// Writes `ca.pem`, and `server.pem` with `server.key`, signed by it for 127.0.0.1; `other.pem` is another authority.
-fn certificates(workshop: &Workshop) {
+pub fn certificates(workshop: &Workshop) {
     let openssl = |arguments: &str| {
         let done = Command::new("openssl")
             .args(arguments.split(' '))

@@ -1,7 +1,7 @@
 //! Delivery of alarms: a real daemon and real receivers on this machine. Events are written into the database in the
 //! same form as by conclusions ([`outbox`]).
 
-mod encrypted;
+pub mod encrypted;
 mod kills;
 mod outbox;
 mod real_receivers;

@@ -37,8 +37,20 @@ fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
     Ok(identity(&hasher))
 }
 
-/// The combined identity of consecutive parts. Parts without bytes are ignored, so that a prefix of the parts keeps the
-/// identity that it had before the others existed.
+/// The bytes of a file and their identity; `None` if there are more than `most`.
+///
+/// # Errors
+/// Those of the file system.
+pub fn content(path: &Path, most: u64) -> io::Result<Option<(Vec<u8>, ContentHash)>> {
+    let mut bytes = Vec::new();
+    let file = GuardedFile(regular_file(path)?);
+    let length = file.take(most.saturating_add(1)).read_to_end(&mut bytes)? as u64;
+    let hash = of_bytes(&bytes);
+    Ok((length <= most).then_some((bytes, hash)))
+}
+
+/// The identity of parts that follow each other. Those without bytes count for nothing, so that a prefix of the parts has
+/// the identity that it had when it was all there was.
 fn joined(parts: &[(ContentHash, u64)]) -> (ContentHash, u64) {
     let mut some = parts.iter().filter(|(_, bytes)| *bytes > 0);
     let bytes = parts.iter().map(|(_, bytes)| bytes).sum();
