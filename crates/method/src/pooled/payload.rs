@@ -17,8 +17,8 @@
 //! ```
 //!
 //! Intervals are quantiles of the mixture over `c`. The prior of the ratios is a normal distribution with the
-//! variance of the uniform one, which makes intervals too wide for gains that differ by chance. The gains count as independent,
-//! which makes the interval of the mass too narrow if one error is common to all of them.
+//! variance of the uniform one, which makes intervals of centre and inertia too wide. That of the mass is the hull of the mixture
+//! and of the one that follows if all gains have one error in common.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
