@@ -41,9 +41,8 @@ Of whole runs, refused and doubtful cycles are passed over and named on standard
 for their motion alone. A cycle that --cycles names is always taken, and so are all cycles of a run that --run names if
 none of them counts; their remarks are printed. A parameter that the motion does not show has no value (-).
 
-From 8 cycles on, standard errors come from the scatter between the cycles, which needs no assumption on what
-happens inside them; with fewer, from the residual and the share of rows that are independent. Intervals hold
-the truth with 95 %. Parameters with a standard error above 30 % are marked with *. Exit status 1 if the
+From 8 cycles on, standard errors come from the scatter between the cycles; with fewer, from the residual and the share
+of rows that are independent. Both contain the error that all cycles repeat, because they have one motion. Parameters with a standard error above 30 % are marked with *. Exit status 1 if the
 motion does not show every parameter (they are named), or with --each-cycle if a cycle gave none.
 
 --choose-friction identifies with each value of load_friction of the description in turn, holds one cycle out after the
