@@ -75,6 +75,7 @@ mod shipped;
 mod simulate;
 mod small;
 mod stored_factors;
+mod tools;
 mod torque_sources;
 mod temperatures;
 mod torque;

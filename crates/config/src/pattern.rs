@@ -4,21 +4,28 @@ use std::fmt;
 
 use armwatch_model::robot::name::composed;
 
-/// Patterns over the file names of exports.
+/// Groups of patterns over the file names of exports.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FilePatterns(pub Vec<String>);
+pub struct FilePatterns(pub Vec<Vec<String>>);
 
 impl FilePatterns {
-    /// Returns true if one of them matches the whole name.
+    /// Whether one pattern of each group matches the whole name.
     #[must_use]
     pub fn matches(&self, file_name: &str) -> bool {
-        self.0.iter().any(|pattern| matches(pattern, file_name))
+        self.0.iter().all(|group| group.iter().any(|pattern| matches(pattern, file_name)))
+    }
+
+    /// The names that both match.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self([&self.0[..], &other.0[..]].concat())
     }
 }
 
 impl fmt::Display for FilePatterns {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0.join(" or "))
+        let groups: Vec<String> = self.0.iter().map(|group| group.join(" or ")).collect();
+        f.write_str(&groups.join(", and "))
     }
 }
 

@@ -57,6 +57,11 @@ impl Config {
         (!is_on_server(&self.database)).then_some(&*self.database)
     }
 
+    /// The descriptions of the arms, without declared tools.
+    pub fn arms(&self) -> impl Iterator<Item = &Arc<Robot>> {
+        self.fleet.iter().map(|entry| &entry.description).filter(|robot| !robot.has_carried())
+    }
+
     /// Files that hold a secret.
     pub fn secret_files(&self) -> impl Iterator<Item = &Path> {
         let served = self.serve.as_ref().and_then(|serve| serve.token_file.as_deref());

@@ -168,7 +168,11 @@ fn alert_route(route: &Route) -> String {
 }
 
 fn fleet_entry(entry: &FleetEntry) -> String {
-    format!("{}; {}", arm(&entry.description), layout(&entry.layout))
+    let carried = match entry.description.has_carried() {
+        true => format!(", carrying a tool of {} kg", entry.description.carried.mass()),
+        false => String::new(),
+    };
+    format!("{}{carried}; {}", arm(&entry.description), layout(&entry.layout))
 }
 
 fn arm(robot: &Robot) -> String {

@@ -16,6 +16,7 @@ use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
 use super::diagnose::refusal;
 use super::friction::points::plateaus::{FrictionPoints, friction_points};
+use super::identify::carried_torque::subtract_carried;
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::filtered_columns::filtered_coulomb_columns;
 use super::identify::joint_factors::{FactorColumns, Factored, FactoredRows, pack};
@@ -124,7 +125,7 @@ fn analysed(
             return analysis;
         }
     }
-    let filtered = match filter_signals_into(samples, analysis.cutoff, buffers, spare) {
+    let mut filtered = match filter_signals_into(samples, analysis.cutoff, buffers, spare) {
         Ok(filtered) => filtered,
         Err(error) => {
             analysis.identification = Err(error.to_string());
@@ -146,6 +147,7 @@ fn analysed(
         },
         || filtered_coulomb_columns(&method.robot, &filtered),
     );
+    subtract_carried(&method.robot, samples, &mut filtered);
     if method.robot.has_load_friction() {
         let settled = add_load_columns(method, &filtered, samples, &mut filtered_coulomb_columns);
         analysis.remarks.extend(settled.remark());

@@ -41,7 +41,9 @@ pub struct Robot {
     pub gravity: Vector3<f64>,
     /// Tool frame in the frame of the last link.
     pub tool: Transform,
-    /// Columns that describe friction, except for joints with their own: see [`Robot::friction_of`].
+    /// Body that the arm is known to carry in a recording, in the frame of the last link: no part of the arm's parameters.
+    pub carried: StandardParameters,
+    /// Which columns describe friction, but for joints that have their own: see [`Robot::friction_of`].
     pub friction: FrictionModel,
     /// Place of the torque measurement.
     pub torque_sensors: TorqueSensors,
@@ -85,6 +87,12 @@ impl Robot {
     #[must_use]
     pub fn has_load_friction(&self) -> bool {
         self.joint_indices().any(|joint| self.friction_of(joint).load != LoadFriction::None)
+    }
+
+    /// Whether the arm is known to carry a body.
+    #[must_use]
+    pub fn has_carried(&self) -> bool {
+        self.carried != StandardParameters::default()
     }
 
     /// The same arm without friction that depends on load.

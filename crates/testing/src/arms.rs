@@ -7,8 +7,8 @@ use proptest::prelude::*;
 
 use armwatch_model::robot::{
     ArmShape, Coupling, DhParameters, FrictionLaw, FrictionModel, Joint, JointGeometry, JointIndex,
-    JointKind, JointLimits, MAX_JOINTS, Parallelogram, Robot, Spring, SpringForm, TorqueSensors, Transform,
-    UrdfOrigin,
+    JointKind, JointLimits, MAX_JOINTS, Parallelogram, Robot, Spring, SpringForm, StandardParameters,
+    TorqueSensors, Transform, UrdfOrigin,
 };
 
 /// A joint without parameters; lengths in m, angles in rad, usual limits.
@@ -56,6 +56,7 @@ pub fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
         joints,
         gravity: Vector3::from(gravity),
         tool: Transform::IDENTITY,
+        carried: StandardParameters::default(),
         friction: FrictionModel::POLYNOMIAL,
         torque_sensors: TorqueSensors::Motor,
         couplings: Vec::new(),

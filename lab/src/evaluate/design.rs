@@ -100,6 +100,7 @@ fn robot(draws: &mut Draws) -> Robot {
         joints,
         gravity: Vector3::new(0.0, 0.0, -9.81),
         tool: Transform::IDENTITY,
+        carried: StandardParameters::default(),
         friction: FrictionModel { law, ..FrictionModel::POLYNOMIAL },
         torque_sensors: TorqueSensors::Motor,
         couplings: Vec::new(),

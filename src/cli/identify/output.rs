@@ -369,10 +369,14 @@ fn add_figures(value: &mut Value, found: &Identification, errors: ErrorBasis) {
     value["scaled_condition_number"] = json!(known(found.scaled_condition_number));
     value["residual_std_nm"] = json!(known(found.residual_std));
     value["error_basis"] = match errors {
-        ErrorBasis::Cycles { count } => json!({"from": "cycles", "cycles": count}),
-        ErrorBasis::IndependentRows { fraction } => {
-            json!({"from": "independent_rows", "independent_fraction": fraction})
+        ErrorBasis::Cycles { count, repeated } => {
+            json!({"from": "cycles", "cycles": count, "repeated_fraction": repeated})
         }
+        ErrorBasis::IndependentRows { fraction, repeated } => json!({
+            "from": "independent_rows",
+            "independent_fraction": fraction,
+            "repeated_fraction": repeated,
+        }),
     };
 }
 
@@ -392,14 +396,26 @@ fn figures_text(found: &Identification) -> String {
 }
 
 fn errors_text(errors: ErrorBasis) -> String {
-    match errors {
-        ErrorBasis::Cycles { count } => format!("standard errors from the scatter between {count} cycles"),
-        ErrorBasis::IndependentRows { fraction } => format!(
-            "standard errors from the residual, {:.1} % of the rows independent; 8 cycles would show their own \
-             scatter",
-            100.0 * fraction
+    let (text, repeated) = match errors {
+        ErrorBasis::Cycles { count, repeated } => {
+            (format!("standard errors from the scatter between {count} cycles"), repeated)
+        }
+        ErrorBasis::IndependentRows { fraction, repeated } => (
+            format!(
+                "standard errors from the residual, {:.1} % of the rows independent; 8 cycles would show their own \
+                 scatter",
+                100.0 * fraction
+            ),
+            repeated,
         ),
+    };
+    if repeated == 0.0 {
+        return text;
     }
+    format!(
+        "{text}\n{:.0} % of the error variance within cycles repeats in each cycle; intervals contain it in full",
+        100.0 * repeated
+    )
 }
 
 fn figure(value: f64) -> String {

@@ -12,8 +12,8 @@ use armwatch_store::{SourceCycle, Store, StoredModel};
 
 /// The configured description that the cycles were analysed with.
 pub(super) fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robot>, CliError> {
-    let fitting = config.fleet.iter().find(|entry| model.describes(&entry.description));
-    fitting.map(|entry| Arc::clone(&entry.description)).ok_or_else(|| {
+    let fitting = config.arms().find(|robot| model.describes(robot));
+    fitting.map(Arc::clone).ok_or_else(|| {
         CliError::Usage(format!(
             "the configuration has no description of model {}, which was used for the analysis of the \
             cycles; give it with --description",

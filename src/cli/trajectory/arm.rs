@@ -15,12 +15,12 @@ pub(super) fn arm(global: &Global, name: &str) -> Result<Robot, CliError> {
         return Ok(read_robot(path)?);
     }
     let config = global.read_config()?;
-    let by_model = || config.fleet.iter().find(|entry| entry.description.model == name);
+    let by_model = || config.arms().find(|robot| robot.model == name);
     // a pattern for every name would take a mistyped model for another arm
-    let by_name = || config.robot_entry(name).filter(|entry| entry.robots != "*");
-    let entry = by_model().or_else(by_name);
-    entry.map(|entry| Robot::clone(&entry.description)).ok_or_else(|| {
-        let models: Vec<&str> = config.fleet.iter().map(|entry| entry.description.model.as_str()).collect();
+    let by_name =
+        || config.robot_entry(name).filter(|entry| entry.robots != "*").map(|entry| &entry.description);
+    by_model().or_else(by_name).map(|robot| Robot::clone(robot)).ok_or_else(|| {
+        let models: Vec<&str> = config.arms().map(|robot| robot.model.as_str()).collect();
         CliError::Usage(format!(
             "--robot {name}: neither a robot nor a model of the configuration, which has {}; or name the file of a \
              description, such as config/robots/er3a.toml",

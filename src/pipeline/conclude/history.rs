@@ -171,6 +171,7 @@ impl Pipeline {
         let mut findings = tests.findings;
         findings.anomalies.extend(logs.findings.anomalies);
         findings.anomalies.extend(dates.anomaly());
+        self.measure_loads(&robot.name, &mut findings.anomalies).await?;
         let unrecorded = |of: &&mut JointHealth| {
             of.last_result_run_id.is_none() && !self.config.has_torque(&robot.name, of.joint)
         };

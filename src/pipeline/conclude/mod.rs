@@ -3,6 +3,7 @@
 mod dates;
 pub mod history;
 pub mod isolation;
+mod load;
 pub mod method;
 pub mod open_test;
 pub mod windows;

@@ -12,6 +12,7 @@ use armwatch_config::{Config, Layout};
 use armwatch_ingest::bytes::fingerprint::fingerprint;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_method::NumericsError;
+use armwatch_method::identify::carried_torque::subtract_carried;
 use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, torque_series};
 use armwatch_method::signal::filter::filter_signals;
 use armwatch_method::signal::restore::restore;
@@ -172,7 +173,8 @@ impl Replay {
             }
             let mut samples = Cow::Owned(cycle.samples);
             restore(&replay.robot, &mut samples);
-            let filtered = filter_signals(&samples, replay.cutoff)?;
+            let mut filtered = filter_signals(&samples, replay.cutoff)?;
+            subtract_carried(&replay.robot, &mut samples, &mut filtered);
             Ok(torque_series(&replay.robot, &parameters, &samples, &filtered, rows)?)
         })
         .await?

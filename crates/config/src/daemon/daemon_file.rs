@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
+use super::tools::with_tools;
 use super::work_limits::{archive_of, read_work_limits};
 use crate::address::{KINDS_OF_DATABASE, foreign_scheme};
 use crate::alerts::routes::read_alerts;
@@ -69,7 +70,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let retention = read_retention(root.table("retention").as_ref());
     let alerts = root.table("alerts").map_or_else(|| Some(AlertSettings::default()), |t| read_alerts(&t));
     let recognition = read_recognition(root.table("recognition").as_ref());
-    let fleet = read_fleet(root, references);
+    let fleet = with_tools(root, read_fleet(root, references));
     let analysis =
         root.table("analysis").map_or_else(|| Some(AnalysisSettings::default()), |t| read_analysis(&t));
     let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
@@ -346,9 +347,9 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
 }
 
 /// One pattern over file names, or several.
-fn read_files(value: &Value<'_>) -> Option<FilePatterns> {
+pub(super) fn read_files(value: &Value<'_>) -> Option<FilePatterns> {
     if !value.is_array() {
-        return value.text().map(|text| FilePatterns(vec![text.to_owned()]));
+        return value.text().map(|text| FilePatterns(vec![vec![text.to_owned()]]));
     }
     let items = value.items()?;
     if items.is_empty() {
@@ -359,7 +360,7 @@ fn read_files(value: &Value<'_>) -> Option<FilePatterns> {
         return None;
     }
     let patterns: Vec<_> = items.iter().map(|item| item.text().map(str::to_owned)).collect();
-    patterns.into_iter().collect::<Option<_>>().map(FilePatterns)
+    Some(FilePatterns(vec![patterns.into_iter().collect::<Option<_>>()?]))
 }
 
 /// One factor applies to the columns of all joints, and a factor from degrees would silently falsify the metres of a

@@ -3,4 +3,5 @@
 pub(super) mod work_limits;
 pub(super) mod recognition;
 mod like_date;
+mod tools;
 pub(super) mod daemon_file;

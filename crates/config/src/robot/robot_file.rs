@@ -12,7 +12,8 @@ use crate::toml::problem::ConfigErrors;
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value, read_document};
 use armwatch_model::robot::{
-    FourierExcitation, FrictionModel, Joint, JointGeometry, MAX_JOINTS, Robot, TorqueSensors, Transform,
+    FourierExcitation, FrictionModel, Joint, JointGeometry, MAX_JOINTS, Robot, StandardParameters,
+    TorqueSensors, Transform,
 };
 
 /// Longest name of a model, in characters; it appears in table columns and plot titles.
@@ -88,6 +89,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         joints: chain.joints,
         gravity: gravity.into(),
         tool: chain.end.then(&tool),
+        carried: StandardParameters::default(),
         friction,
         torque_sensors,
         transmission: transmission.matrix,

@@ -3,6 +3,7 @@
 use super::Method;
 use super::load_iteration::{LoadIteration, add_load_columns};
 use crate::NumericsError;
+use crate::identify::carried_torque::subtract_carried;
 use crate::identify::cycle::identify_factors;
 use crate::identify::filtered_columns::filtered_coulomb_columns;
 use crate::identify::joint_factors::{FactoredRows, embedded, used_for_identification};
@@ -102,7 +103,8 @@ impl FrictionComparison {
         restore(&self.candidates[0].method.robot, &mut samples);
         let asked = self.settings.cutoff;
         let cutoff = sample_rate(&samples.time).map_or(asked, |rate| carried_cutoff(asked, rate));
-        let filtered = filter_signals(&samples, cutoff)?;
+        let mut filtered = filter_signals(&samples, cutoff)?;
+        subtract_carried(&self.candidates[0].method.robot, &mut samples, &mut filtered);
         self.independent.push(filtered.independent_fraction());
         for candidate in self.candidates.iter_mut().filter(|of| of.failed.is_none()) {
             let method = &candidate.method;

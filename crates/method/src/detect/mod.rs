@@ -5,6 +5,7 @@ pub mod rate;
 pub mod control_chart;
 mod detector;
 mod episodes;
+pub mod load_message;
 pub mod window;
 pub mod runs;
 pub mod production;

@@ -6,6 +6,7 @@ pub mod cycle_rows;
 pub mod joint_factors;
 pub mod filtered_columns;
 pub mod load_visibility;
+pub mod carried_torque;
 pub mod verify;
 pub(crate) mod torque_noise;
 pub mod torque_series;

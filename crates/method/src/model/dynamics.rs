@@ -6,6 +6,7 @@
 use nalgebra::Vector3;
 
 use super::actuator::coupling_columns;
+use super::carried::add_carried;
 use super::kinematics::joint_transform;
 use armwatch_model::robot::{
     CouplingTerm, FrictionModel, FrictionTerm, Joint, JointIndex, JointKind, LoadFriction, MAX_JOINTS,
@@ -257,7 +258,8 @@ impl DynamicModel {
         }
     }
 
-    /// Torque on the gears: that of links, cranks and springs, without the inertia of the motors.
+    /// Torque that the gears carry: that of links, cranks, springs and of the body that the arm is known to carry, without the
+    /// inertia of the motors.
     ///
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `load` `[n]` in Nm (N).
     ///
@@ -265,6 +267,7 @@ impl DynamicModel {
     /// Like [`DynamicModel::torque`].
     pub fn gear_load(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], load: &mut [f64]) {
         self.load(robot, q, qd, qdd, load);
+        add_carried(robot, [q, qd, qdd], load);
         for ((load, inertia), qdd) in load.iter_mut().zip(&self.grouped_motor_inertia).zip(qdd) {
             *load -= inertia * qdd;
         }
@@ -307,10 +310,12 @@ impl DynamicModel {
     /// Like [`inverse_dynamics`], and if the model has fewer joints than the robot.
     pub fn torque(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
         self.load(robot, q, qd, qdd, tau);
+        let mut carried = [0.0; MAX_JOINTS];
+        add_carried(robot, [q, qd, qdd], &mut carried);
         for joint in robot.joint_indices() {
             let i = joint.index();
             let friction = robot.friction_of(joint).torque(&self.friction[i], qd[i]);
-            let load = tau[i] - self.grouped_motor_inertia[i] * qdd[i];
+            let load = tau[i] + carried[i] - self.grouped_motor_inertia[i] * qdd[i];
             let of_load = self.load_friction(robot, joint, load, qd[i]);
             tau[i] += friction + of_load + self.motor_inertia[i] * qdd[i];
         }

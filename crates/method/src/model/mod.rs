@@ -2,6 +2,7 @@
 
 pub mod kinematics;
 pub(crate) mod actuator;
+pub mod carried;
 pub mod dynamics;
 pub(crate) mod dynamics_lanes;
 pub mod regressor;

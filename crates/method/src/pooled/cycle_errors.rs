@@ -1,16 +1,22 @@
 //! Standard errors from the scatter between whole cycles, exact from their factors.
 //!
-//! Rows of a cycle share all unmodelled effects: ripple, temperature, the path of the motion. Cycles are recorded
-//! minutes or days apart, so only they count as independent. The score of cycle `c` is
-//! `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections keep products of
-//! columns.
+//! Rows of a cycle share whatever the model leaves out: ripple, temperature, the path of the motion.
+//! Cycles are recorded minutes or days apart, so only they are taken as independent: the score of cycle
+//! `c` is `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections
+//! keep products of columns.
+//!
+//! What the model leaves out is partly the same in each cycle, since all cycles have one motion: ripple, another friction law,
+//! gears that bend. That part does not scatter, and more cycles do not reduce it. It shows within a cycle, whose rows it
+//! correlates ([`over_cycles`]).
 
 use faer::{Mat, Side};
 
+use super::loaded_rows::is_friction;
 use super::pool::{CycleParts, RowWeights};
 use crate::NumericsError;
 use crate::identify::joint_factors::FactorColumns;
-use armwatch_model::robot::JointIndex;
+use crate::statistics::descriptive::median;
+use armwatch_model::robot::{JointIndex, ParameterId};
 
 /// Smallest number of cycles whose scatter is used. If there are fewer, Student's quantile for the few degrees of
 /// freedom makes intervals so wide and uncertain that the noise of the rows gives better ones.
@@ -122,7 +128,47 @@ fn block(
     CycleBlock { information: w.transpose() * &w, score: w.transpose() * e }
 }
 
-/// Scatter of an estimate from its blocks.
+/// Variance of a parameter and its degrees of freedom.
+pub(super) type Variance = (f64, f64);
+
+/// Variance of each parameter of an estimate over `count` cycles, at least two, and the part of the variance within cycles that
+/// all of them repeat, 0 to 1. `within` is the variance of the estimate if the errors of cycles were independent of each other,
+/// `between` what their scatter says of it; parameters stand as in `ids`.
+///
+/// A repeated error is in each cycle and in their mean, so that the mean has `count` times the part of `within` that it
+/// contributes. Friction falls while an arm warms and scatters for that reason, so the other parameters show the part.
+pub(super) fn over_cycles(
+    within: &[Variance],
+    between: &Sandwich,
+    ids: &[ParameterId],
+    count: usize,
+) -> (Vec<Variance>, f64) {
+    let cycles = count as f64;
+    let scatter = |k: usize| between.matrix[(k, k)];
+    let ratios = |takes: &dyn Fn(&ParameterId) -> bool| -> Vec<f64> {
+        let shown = (0..ids.len()).filter(|&k| takes(&ids[k]) && within[k].0 > 0.0);
+        shown.map(|k| scatter(k) / within[k].0).collect()
+    };
+    let ratio = median(&ratios(&|id| !is_friction(id.kind))).or_else(|| median(&ratios(&|_| true)));
+    // median of a chi² variable over its degrees of freedom (Wilson & Hilferty 1931)
+    let of_chance = (1.0 - 2.0 / (9.0 * (cycles - 1.0))).powi(3);
+    let share = ratio.map_or(0.0, |ratio| (1.0 - ratio / of_chance).clamp(0.0, 1.0));
+    let variance = |k: usize| {
+        let (rows, rows_freedom) = within[k];
+        let repeated = share * cycles * rows;
+        let (single, freedom) = match count >= FEWEST_CYCLES {
+            true => (scatter(k), between.freedom[k]),
+            false => ((1.0 - share) * rows, rows_freedom),
+        };
+        let sum = repeated + single;
+        // Satterthwaite (1946)
+        let of_sum = sum * sum / (repeated * repeated / rows_freedom + single * single / freedom);
+        (sum, if sum > 0.0 { of_sum } else { freedom })
+    };
+    ((0..ids.len()).map(variance).collect(), share)
+}
+
+/// What blocks say of an estimate's scatter.
 pub(super) struct Sandwich {
     /// Covariance, `[b x b]`.
     pub(super) matrix: Mat<f64>,

@@ -4,7 +4,7 @@
 //! cycles, and a prior adds rows. The method for the interval is the same for all: with enough cycles, the interval
 //! follows from their scatter (`cycle_errors`).
 
-use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, between_cycles};
+use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, Sandwich, Variance, between_cycles, over_cycles};
 use super::pool::{PooledFactors, RowWeights};
 use crate::NumericsError;
 use crate::identify::cycle::identify_weighted;
@@ -64,20 +64,32 @@ impl StackedEstimator {
 /// Source of the standard errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ErrorBasis {
-    /// Scatter between cycles.
+    /// The scatter between cycles, and the error that they repeat.
     Cycles {
         /// Number of cycles.
         count: usize,
+        /// Part of the variance within cycles that all of them repeat, 0 to 1.
+        repeated: f64,
     },
-    /// Residual and share of independent rows.
+    /// The residual, the share of rows that are independent, and the error that cycles repeat.
     IndependentRows {
         /// Share of independent rows.
         fraction: f64,
+        /// Part of the variance within cycles that all of them repeat, 0 to 1; 0 of a single cycle.
+        repeated: f64,
     },
 }
 
 impl ErrorBasis {
-    /// Kind of the source.
+    /// Of `count` cycles.
+    pub(super) fn new(count: usize, fraction: f64, repeated: f64) -> Self {
+        match count >= FEWEST_CYCLES {
+            true => Self::Cycles { count, repeated },
+            false => Self::IndependentRows { fraction, repeated },
+        }
+    }
+
+    /// Its name alone.
     #[must_use]
     pub fn source(self) -> ErrorSource {
         match self {
@@ -245,21 +257,17 @@ fn least_squares(
     let rule = WeightRule { sigma, huber: None };
     let mut solved = identify_weighted(&own, &by_joint, &union.independent_shares(), &rule)?;
     let theta: Vec<f64> = solved.parameters.iter().map(|p| p.value).collect();
-    let mut half_width: Vec<f64> =
-        solved.parameters.iter().map(|p| half(p.std_error, p.degrees_of_freedom)).collect();
-    let mut errors = ErrorBasis::IndependentRows { fraction };
     let design = ProblemColumns::stacked(union.columns(), kept);
     let count = design.cycles(union.cycles());
-    if count >= FEWEST_CYCLES {
+    let mut repeated = 0.0;
+    if count > 1 {
         let inverse = joined(&by_joint, &rule, kept.len()).inverse_of_upper()?;
         let scatter = between_cycles(union.cycles(), &design, &weights, &theta, &inverse)?;
-        for (k, parameter) in solved.parameters.iter_mut().enumerate() {
-            parameter.std_error = scatter.matrix[(k, k)].sqrt();
-            parameter.degrees_of_freedom = scatter.freedom[k];
-            half_width[k] = half(parameter.std_error, scatter.freedom[k]);
-        }
-        errors = ErrorBasis::Cycles { count };
+        repeated = widen(&mut solved.parameters, &scatter, count);
     }
+    let half_width: Vec<f64> =
+        solved.parameters.iter().map(|p| half(p.std_error, p.degrees_of_freedom)).collect();
+    let errors = ErrorBasis::new(count, fraction, repeated);
     let mut found = PooledEstimate {
         identification: Identification { parameters: Vec::new(), ..solved },
         half_width: vec![f64::NAN; ids.len()],
@@ -276,6 +284,19 @@ fn least_squares(
     }
     found.identification.residual_std = residual_std(union, &found.identification.parameters, kept.len());
     Ok(found)
+}
+
+/// Gives parameters whose errors follow from rows those over `count` cycles; the part that all cycles repeat.
+pub(super) fn widen(parameters: &mut [IdentifiedParameter], scatter: &Sandwich, count: usize) -> f64 {
+    let within: Vec<Variance> =
+        parameters.iter().map(|of| (of.std_error * of.std_error, of.degrees_of_freedom)).collect();
+    let ids: Vec<ParameterId> = parameters.iter().map(|of| of.id).collect();
+    let (variances, repeated) = over_cycles(&within, scatter, &ids, count);
+    for (parameter, (variance, freedom)) in parameters.iter_mut().zip(variances) {
+        parameter.std_error = variance.sqrt();
+        parameter.degrees_of_freedom = freedom;
+    }
+    repeated
 }
 
 /// Half the width of the interval with the probability [`LEVEL`].
@@ -370,14 +391,16 @@ fn towards_prior(
     let mut sigma = found.sigma;
     let rows_freedom = (rows as f64 * fraction - found.data_share.iter().sum::<f64>()).max(1.0);
     let mut freedom = vec![rows_freedom; ids.len()];
-    let mut errors = ErrorBasis::IndependentRows { fraction };
     let all: Vec<usize> = (0..ids.len()).collect();
     let count = ProblemColumns::stacked(union.columns(), &all).cycles(union.cycles());
-    if count >= FEWEST_CYCLES {
+    let mut repeated = 0.0;
+    if count > 1 {
         let both = with_prior_rows(&factor, fraction, priors, found.spread);
-        (sigma, freedom) = prior_scatter(union, &weights, &both, &found.theta, priors, found.spread)?;
-        errors = ErrorBasis::Cycles { count };
+        let within = (sigma, rows_freedom);
+        (sigma, freedom, repeated) =
+            prior_scatter(union, &weights, &both, (&found.theta, within), priors, found.spread)?;
     }
+    let errors = ErrorBasis::new(count, fraction, repeated);
     let of_parameter = |(k, &id): (usize, &ParameterId)| IdentifiedParameter {
         id,
         value: found.theta[k],
@@ -404,22 +427,24 @@ fn towards_prior(
     })
 }
 
-/// Standard errors and degrees of freedom of an estimate with a prior: the scatter of the cycles' scores plus the
-/// variance of the prior's own rows, which is 1 each.
+/// Standard errors and degrees of freedom of an estimate with a prior, and the part of the error that all cycles repeat: the
+/// errors of the cycles ([`over_cycles`]) beside the variance of the prior's own rows, which is 1 each. `sigma` are the
+/// standard errors as rows and prior have them.
 fn prior_scatter(
     union: &PooledFactors,
     weights: &RowWeights,
     both: &TriangularFactor,
-    theta: &[f64],
+    (theta, (sigma, rows_freedom)): (&[f64], (Vec<f64>, f64)),
     priors: &[Option<ParameterPrior>],
     spread: f64,
-) -> Result<(Vec<f64>, Vec<f64>), NumericsError> {
+) -> Result<(Vec<f64>, Vec<f64>, f64), NumericsError> {
     let (b, fraction) = (theta.len(), union.independent_fraction());
     let all: Vec<usize> = (0..b).collect();
     let inverse = both.inverse_of_upper()?;
     let by_joint = weights.by_joint.iter().map(|w| w * fraction).collect();
     let weights = RowWeights { by_joint, kept: None };
     let design = ProblemColumns::stacked(union.columns(), &all);
+    let count = design.cycles(union.cycles());
     let scatter = between_cycles(union.cycles(), &design, &weights, theta, &inverse)?;
     let covariance = &inverse * inverse.transpose();
     let of_prior = |k: usize| -> f64 {
@@ -428,13 +453,17 @@ fn prior_scatter(
         };
         priors.iter().enumerate().map(row).sum()
     };
-    let combined = |k: usize| {
-        let (data, prior) = (scatter.matrix[(k, k)], of_prior(k));
-        // the prior's part of the variance is known, so the scatter's degrees of freedom grow
-        let freedom = scatter.freedom[k] * ((data + prior) / data.max(f64::MIN_POSITIVE)).powi(2);
+    let of_priors: Vec<f64> = (0..b).map(of_prior).collect();
+    let of_rows = |(sigma, prior): (&f64, &f64)| ((sigma * sigma - prior).max(0.0), rows_freedom);
+    let within: Vec<Variance> = sigma.iter().zip(&of_priors).map(of_rows).collect();
+    let (variances, repeated) = over_cycles(&within, &scatter, union.columns().kept(), count);
+    let combined = |((data, freedom), prior): (Variance, f64)| {
+        // what the prior adds is known, and leaves the scatter's degrees of freedom their share
+        let freedom = freedom * ((data + prior) / data.max(f64::MIN_POSITIVE)).powi(2);
         ((data + prior).sqrt(), freedom)
     };
-    Ok((0..b).map(combined).unzip())
+    let (sigma, freedom) = variances.into_iter().zip(of_priors).map(combined).unzip();
+    Ok((sigma, freedom, repeated))
 }
 
 /// Noise of each joint, `[n]`: the residual of the joint's own fit.

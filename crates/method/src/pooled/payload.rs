@@ -16,10 +16,9 @@
 //! p(c) ~ c^(n-1) prod_j [ Phi((1 + u - c ŝ_j) / (c e_j)) - Phi((1 - u - c ŝ_j) / (c e_j)) ]
 //! ```
 //!
-//! Intervals are quantiles of the mixture over `c`. This distribution assumes independent errors of the gains. If the
-//! ratios allow one error in common, an interval also contains the quantiles for any `c` that keeps the mean gain
-//! within its bound. The prior of the ratios is a normal distribution with the variance of the uniform one, which makes
-//! intervals too wide for gains with independent errors.
+//! Intervals are quantiles of the mixture over `c`. The prior of the ratios is a normal distribution with the
+//! variance of the uniform one, which makes intervals of centre and inertia too wide. That of the mass is the hull of the mixture
+//! and of the one that follows if all gains have one error in common.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 

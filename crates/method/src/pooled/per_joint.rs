@@ -1,7 +1,7 @@
 //! Estimates from each joint's rows alone [3.21], from the stored factors of cycles.
 
-use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, between_cycles};
-use super::estimate::{ErrorBasis, half};
+use super::cycle_errors::{ProblemColumns, between_cycles};
+use super::estimate::{ErrorBasis, half, widen};
 use super::pool::{PooledFactors, RowWeights};
 use crate::NumericsError;
 use crate::identify::cycle::identify_factors;
@@ -46,26 +46,21 @@ fn joint_view(union: &PooledFactors, joint: JointIndex) -> Result<PerJointEstima
     let alone = std::slice::from_ref(&restricted);
     let mut identification = identify_factors(&own, alone, &[fraction], Estimator::Ordinary)?;
     identification.residuals.iter_mut().for_each(|residual| residual.joint = joint);
-    let mut freedom: Vec<f64> = identification.parameters.iter().map(|p| p.degrees_of_freedom).collect();
-    let mut errors = ErrorBasis::IndependentRows { fraction };
     let design = ProblemColumns::of_joint(union.columns(), joint, &found.kept);
     let count = design.cycles(union.cycles());
-    if count >= FEWEST_CYCLES {
+    let mut repeated = 0.0;
+    if count > 1 {
         let theta: Vec<f64> = identification.parameters.iter().map(|p| p.value).collect();
         let equal = RowWeights::equal(union.columns().joint_count());
         let inverse = restricted.inverse_of_upper()?;
         let scatter = between_cycles(union.cycles(), &design, &equal, &theta, &inverse)?;
-        for (k, parameter) in identification.parameters.iter_mut().enumerate() {
-            parameter.std_error = scatter.matrix[(k, k)].sqrt();
-            parameter.degrees_of_freedom = scatter.freedom[k];
-        }
-        freedom = scatter.freedom;
-        errors = ErrorBasis::Cycles { count };
+        repeated = widen(&mut identification.parameters, &scatter, count);
     }
+    let errors = ErrorBasis::new(count, fraction, repeated);
     let within_others: Vec<ParameterId> = found.grouped.iter().map(|&k| ids[k]).collect();
     let seen = |id: &ParameterId| own.contains(id) || within_others.contains(id);
     let unseen = union.columns().kept().iter().copied().filter(|id| !seen(id)).collect();
     let half_width =
-        identification.parameters.iter().zip(&freedom).map(|(p, f)| half(p.std_error, *f)).collect();
+        identification.parameters.iter().map(|p| half(p.std_error, p.degrees_of_freedom)).collect();
     Ok(PerJointEstimate { joint, identification, half_width, within_others, unseen, errors })
 }

@@ -7,6 +7,7 @@ use super::evidence::window_evidence;
 use super::reference::Reference;
 use crate::NumericsError;
 use crate::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
+use crate::identify::carried_torque::subtract_carried;
 use crate::identify::filtered_columns::{filtered_coulomb_columns, filtered_load_columns};
 use crate::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
 use crate::identify::verify::torque_rmsd;
@@ -31,15 +32,14 @@ const NO_IDENTIFICATION: &str = "production is not identified on";
 pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Reference>) -> CycleAnalysis {
     let mut samples = Cow::Borrowed(&cycle.samples);
     let restored = restore(&method.robot, &mut samples);
-    let samples = &*samples;
     let mut analysis =
-        CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle.number, samples) };
-    if without_positions(samples, &mut analysis) {
+        CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle.number, &samples) };
+    if without_positions(&samples, &mut analysis) {
         return analysis;
     }
     analysis.remarks.extend(restored.remarks);
     analysis.remarks.extend(restored.unsteady.map(|finding| finding.sentence));
-    let filtered = match filter_signals(samples, analysis.cutoff) {
+    let mut filtered = match filter_signals(&samples, analysis.cutoff) {
         Ok(filtered) => filtered,
         Err(error) => {
             analysis.identification = Err(match error {
@@ -53,7 +53,8 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     };
     analysis.identification = Err(NO_IDENTIFICATION.into());
     analysis.sample_rate = filtered.sample_rate;
-    note_gaps(samples, &filtered, &mut analysis.remarks);
+    note_gaps(&samples, &filtered, &mut analysis.remarks);
+    subtract_carried(&method.robot, &mut samples, &mut filtered);
     let mut filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
     // without a reference the windows have no load: their own rows do not identify one
     if let Some(reference) = reference.filter(|_| method.robot.has_load_friction()) {
@@ -62,7 +63,7 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     }
     let kept = &method.base.kept_columns;
     let factored =
-        factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);
+        factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, &samples);
     keep_factors(method, &factored, &mut analysis);
     // parameters of other columns are no error here: the comparison is made later
     analysis.production =

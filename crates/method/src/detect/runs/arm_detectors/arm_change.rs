@@ -8,6 +8,7 @@
 use jiff::Timestamp;
 
 use crate::detect::episodes::episodes;
+use crate::detect::load_message::load_message;
 use crate::detect::runs::arm::baseline::{LEAST_NOISE_RATIO, LEAST_RMSD_RATIO};
 use crate::detect::runs::arm::cause::{ArmCause, Load, SignalFault};
 use crate::detect::runs::arm::{ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET};
@@ -144,22 +145,16 @@ fn of_load(load: &Load) -> ArmFigure {
             ..ArmFigure::without_value()
         };
     }
-    // to the millimetre, without the sign of a zero
-    let [x, y, z] = load.centre.map(|part| (1e3 * part).round() / 1e3 + 0.0);
-    let (amount, verb, advice) = match load.mass > 0.0 {
-        true => (load.mass, "more", "take the tool or workpiece off for tests"),
-        false => (-load.mass, "less", "look for a tool or part that was lost or taken off"),
-    };
     ArmFigure {
         quantity: None,
-        score: amount / load.std_error,
+        score: load.mass.abs() / load.std_error,
         threshold: 5.0,
         value: load.mass,
         baseline: 0.0,
-        message: format!(
-            "the arm carries {amount:.2} kg {verb} than in its first tests (standard error {:.3} kg), centre at \
-             ({x:.3}, {y:.3}, {z:.3}) m of the last link; {advice}, or record the new tool as maintenance",
-            load.std_error
+        message: load_message(
+            load.mass,
+            &format!("standard error {:.3} kg", load.std_error),
+            Some((load.centre, "last link")),
         ),
     }
 }

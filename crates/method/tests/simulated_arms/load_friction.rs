@@ -1,24 +1,22 @@
 //! Load-dependent friction on arms whose gears the simulator computes independently.
 
-#![expect(clippy::expect_used, clippy::panic, reason = "functions that tests call")]
-
-use armwatch_config::parse_robot;
+use crate::{arms, cycles, method, truth};
 use armwatch_method::analyse::friction_choice::FrictionComparison;
 use armwatch_method::analyse::{Method, analyse_cycle};
 use armwatch_method::friction::index::baseline::fit_maps;
 use armwatch_method::friction::index::{ReferenceMap, run_indices};
-use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_method::model::dynamics::DynamicModel;
-use armwatch_model::analysis::finding::FindingKind;
 use armwatch_model::analysis::interval::{LEVEL, half_width};
 use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{CycleAnalysis, CycleTemperatures, Identification, IdentifiedParameter};
-use armwatch_model::robot::{FrictionTerm, JointIndex, LoadFriction, ParameterId, ParameterKind, Robot};
-use armwatch_model::run::{Cycle, Samples};
+use armwatch_model::robot::{
+    FrictionTerm, JointIndex, LoadFriction, ParameterId, ParameterKind, Robot, StandardParameters,
+};
+use armwatch_model::run::Cycle;
+use armwatch_simulate::SimulationSettings;
 use armwatch_simulate::arm::friction::FrictionShape;
 use armwatch_simulate::arm::load::Load;
-use armwatch_simulate::{SimulationSettings, rows_of_run};
 use armwatch_testing::er3a;
 use nalgebra::{Matrix3, Vector3};
 
@@ -30,51 +28,7 @@ fn with_load(mut robot: Robot, load: LoadFriction) -> Robot {
     robot
 }
 
-/// Six joints with horizontal and vertical axes, a SCARA with a sliding joint, and seven joints at odd angles.
-fn arms() -> [Robot; 3] {
-    let parsed = |text: &str| parse_robot("an arm", text).unwrap_or_else(|errors| panic!("{errors}"));
-    [
-        er3a(),
-        parsed(include_str!("../../../config/robots/scara.toml")),
-        parsed(include_str!("../../../tests/reference/seven_joints.toml")),
-    ]
-}
-
-fn method(robot: Robot) -> Method {
-    let accept = FindingKind::ALL.into_iter().collect();
-    Method::new(robot, AnalysisSettings { accept, ..AnalysisSettings::default() }).expect("base parameters")
-}
-
-/// Cycles of a run as in its export.
-fn cycles(robot: &Robot, settings: &SimulationSettings, run: u32) -> Vec<Cycle> {
-    let n = robot.joint_count();
-    let mut cycles: Vec<Cycle> = Vec::new();
-    rows_of_run(robot, settings, run, |row| {
-        if cycles.last().is_none_or(|cycle| cycle.number != row.cycle) {
-            let samples = Samples {
-                position: vec![Vec::new(); n],
-                velocity: Some(vec![Vec::new(); n]),
-                torque: vec![Vec::new(); n],
-                friction_signal: Some(Vec::new()),
-                ..Samples::default()
-            };
-            cycles.push(Cycle { number: row.cycle, samples });
-        }
-        let Some(Cycle { samples, .. }) = cycles.last_mut() else { return };
-        samples.time.push(row.time);
-        samples.stage.push(row.stage);
-        for j in 0..n {
-            samples.position[j].push(row.position[j]);
-            samples.torque[j].push(row.torque[j]);
-            samples.velocity.iter_mut().for_each(|velocity| velocity[j].push(row.velocity[j]));
-        }
-        samples.friction_signal.iter_mut().for_each(|signal| signal.push(row.signal));
-    })
-    .expect("an arm that can be simulated");
-    cycles
-}
-
-/// One excitation of warm gears with the Coulomb and viscous friction of [3.10].
+/// One excitation of warm gears with Coulomb and viscous friction as [3.10] has them.
 fn excitation(seed: u64) -> SimulationSettings {
     SimulationSettings {
         seed,
@@ -93,23 +47,7 @@ fn identified(method: &Method, cycle: &Cycle) -> Identification {
     analysis.identification.unwrap_or_else(|reason| panic!("{reason}"))
 }
 
-/// True base values in the simulator; `None` for friction under load.
-fn truth(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
-    let nominal = |joint: JointIndex| robot.joints[joint.index()].nominal.expect("nominal parameters");
-    let phi: Vec<f64> = ParameterId::natural_order(robot)
-        .iter()
-        .map(|id| match id.kind {
-            ParameterKind::Inertial(k) => nominal(id.joint).inertial.0[usize::from(k)],
-            ParameterKind::MotorInertia => nominal(id.joint).motor_inertia,
-            ParameterKind::Friction(term) => term.nominal(&nominal(id.joint).friction).unwrap_or(0.0),
-            ParameterKind::Coupling(_) | ParameterKind::Spring(_) | ParameterKind::Crank(_) => 0.0,
-        })
-        .collect();
-    let is_known = |id: &ParameterId| !matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load());
-    base.group(&phi).into_iter().zip(&base.kept).map(|(value, id)| is_known(id).then_some(value)).collect()
-}
-
-/// Numbers of inertial and of all other parameters: within their intervals, and in total.
+/// Shares of inertial parameters within their intervals, and of motor and friction ones.
 #[derive(Debug, Default)]
 struct Coverage {
     inertial: [usize; 2],
@@ -197,7 +135,20 @@ fn the_teeth_of_a_strain_wave_gear_have_the_coefficient_of_their_efficiency() {
     }
 }
 
-/// Few seeds; [`intervals_cover_the_truth_on_three_arms`] uses 200.
+/// The arm carries 1.8 kg of the 3 kg that it is rated for.
+#[test]
+fn a_declared_tool_is_no_part_of_the_parameters() {
+    let body = tool(1.8);
+    let gears = |seed| SimulationSettings { friction_load: 0.06, load: Some(body), ..excitation(seed) };
+    let bare = coverage(&er3a(), LoadFriction::Linear, 1, gears);
+    assert!(bare.share() < 0.9, "{bare:?}");
+    let body = StandardParameters::from_centre_of_mass(body.mass, &body.centre, &body.inertia);
+    let carrying = Robot { carried: body.seen_from(&er3a().tool), ..er3a() };
+    let declared = coverage(&carrying, LoadFriction::Linear, 4, gears);
+    assert!(declared.share() > 0.9, "{declared:?}");
+}
+
+/// Few seeds: more of them are in [`intervals_cover_the_truth_on_three_arms`].
 #[test]
 fn without_the_term_the_load_biases_the_parameters_and_with_it_the_intervals_hold_them() {
     let gears = |seed| SimulationSettings { friction_load: 0.06, ..excitation(seed) };
@@ -215,11 +166,12 @@ fn without_the_term_the_load_biases_the_parameters_and_with_it_the_intervals_hol
     assert!((with.value - truth).abs() < half_width(&with, LEVEL), "{with:?} {truth}");
 }
 
-/// Prints the coverage of intervals; takes some minutes.
+/// Prints the coverage of intervals. A gear of constant efficiency loses more at low speed than the terms say, and the same in
+/// each recording, so its intervals are too narrow: the bounds are what was measured.
 #[test]
-#[ignore = "200 seeds on three arms take some minutes"]
+#[ignore = "a minute: run by hand for docs/evidence/method.md"]
 fn intervals_cover_the_truth_on_three_arms() {
-    let seeds = 200;
+    let seeds = 25;
     for robot in arms() {
         for (gear, load, efficiency) in [("proportional", 0.06, 1.0), ("strain wave", 0.0, EFFICIENCY)] {
             let gears = |seed| SimulationSettings {
@@ -236,6 +188,12 @@ fn intervals_cover_the_truth_on_three_arms() {
                     found.inertial_share(),
                     found.share()
                 );
+                let least = match (law, gear) {
+                    (LoadFriction::None, _) => 0.0,
+                    (_, "proportional") => 0.92,
+                    _ => 0.68,
+                };
+                assert!(found.share() >= least, "{found:?}");
             }
         }
     }
