@@ -453,7 +453,7 @@ fn read_if(
     if !is_asked_for(hash.so_far().0) {
         return Ok(ReadEnd::Changed);
     }
-    cutting.end(export.rows(), export.passed_over().rows)
+    cutting.end(&export)
 }
 
 /// What an export's name says of it.
