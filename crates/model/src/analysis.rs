@@ -510,6 +510,9 @@ pub struct JointSummary {
     /// What the identified friction coefficients of the excitation say: all that recordings without a friction stage
     /// tell of friction.
     pub excitation_friction: Option<WarmFriction>,
+    /// The same coefficients at half the speed of [`Self::excitation_friction`], Nm (N). Tests that reach different speeds are
+    /// compared at a speed that both have.
+    pub half_speed_friction: Option<Estimate>,
     /// Friction against the joint's own baseline at equal thermal state, where the robot's history gives one:
     /// known only once the run is held against that history.
     pub friction_index: Option<Estimate>,
