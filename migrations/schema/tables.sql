@@ -143,11 +143,12 @@ CREATE TABLE run (
     started_at_text TEXT GENERATED ALWAYS AS (time_text(started_at)) STORED,
     retry_asked_at_text TEXT GENERATED ALWAYS AS (time_text(retry_asked_at)) STORED,
     host_session_id INTEGER REFERENCES host_session,
-    -- Such a run is its own successor: whatever leaves out superseded runs leaves it out.
-    set_aside TEXT CHECK (set_aside IN ('person', 'implausible_date')),
+    -- Such a run is its own successor: whatever leaves out superseded runs leaves it out. With 'arrival_order' it takes part
+    -- at the time of its arrival, and only to open alarms.
+    set_aside TEXT CHECK (set_aside IN ('person', 'implausible_date', 'arrival_order')),
     -- Reason why its start cannot be right; NULL if it can.
     date_problem TEXT,
-    -- The recorded start, if a person has corrected or confirmed it.
+    -- The recorded start, if a person has corrected or confirmed it, or the arrival stands for it.
     recorded_start INTEGER,
     recorded_start_text TEXT,
     -- Changes of its figures.
@@ -501,6 +502,9 @@ CREATE TABLE run_joint_summary (
     relative_noise REAL,
     -- RMS of the torque while the joint moves in the excitation: median over the cycles of a test.
     torque_rms_nm REAL,
+    -- Friction of the excitation at half its speed.
+    half_speed_friction_nm REAL,
+    half_speed_std_error_nm REAL,
     PRIMARY KEY (run_id, joint)
 ) STRICT, WITHOUT ROWID;
 

@@ -689,12 +689,12 @@ misdated AS (
     FROM latest
     JOIN run ON run.run_id = (
         SELECT max(own.run_id) FROM run AS own
-        WHERE own.robot_id = latest.robot_id AND own.set_aside = 'implausible_date'
+        WHERE own.robot_id = latest.robot_id AND own.set_aside IN ('implausible_date', 'arrival_order')
     )
     WHERE run.kind = 'test' AND NOT EXISTS (
         SELECT 1 FROM run AS later
         WHERE later.robot_id = latest.robot_id AND later.status = 'complete' AND later.kind = 'test'
-              AND later.run_id > run.run_id
+              AND later.set_aside IS NULL AND later.run_id > run.run_id
     )
 ),
 member AS (
@@ -776,7 +776,8 @@ SELECT judged.robot,
                THEN judged.blocked_name || ' ' || judged.blocked_message
            WHEN judged.status = 'unknown' AND judged.misdated_name IS NOT NULL
                THEN 'the date of the latest test, ' || judged.misdated_name || ', cannot be right: it is '
-                    || judged.date_problem || '; judged by the tests until ' || judged.started_at_text
+                    || judged.date_problem || '; judged by the tests until '
+                    || coalesce(result.started_at_text, judged.started_at_text)
            WHEN judged.status IN ('critical', 'warning') OR judged.status = 'ok' AND judged.reason IS NULL THEN (
                SELECT anomaly.message FROM anomaly
                WHERE anomaly.robot_id = judged.robot_id AND coalesce(anomaly.joint, judged.joint) = judged.joint

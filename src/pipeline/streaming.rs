@@ -113,7 +113,9 @@ async fn analyse_in_order(
     let spare = spare_threads(&places);
     // a cycle is not taken before its turn: waiting cycles fill the memory
     while let Ok(turn) = to_record.reserve().await {
-        let Some(CutCycle { cycle, read, took, written, mut held }) = cycles.recv().await else { return };
+        let Some(CutCycle { cycle, remarks, read, took, written, mut held }) = cycles.recv().await else {
+            return;
+        };
         metrics.stage(WorkStage::Read, took);
         let until = read.prefix.bytes;
         metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
@@ -124,7 +126,8 @@ async fn analyse_in_order(
         let (buffers, spare) = (buffers.clone(), spare.clone());
         let analysis = tokio::task::spawn_blocking(move || {
             let began = Instant::now();
-            let analysis = work.analyse_in(cycle, &buffers, &spare);
+            let mut analysis = work.analyse_in(cycle, &buffers, &spare);
+            analysis.remarks.extend(remarks);
             metrics.stage(WorkStage::Analyse, began.elapsed());
             drop(place);
             held.is_analysed(&analysis);

@@ -167,8 +167,8 @@ class Arm:
             values += [m, *(m * c), *about[numpy.triu_indices(3)]]
         return numpy.array(values)
 
-    def misfit(self, q, v, a, torque, gravity, geometry=None):
-        """Squares that the best parameters and friction leave, each joint relative to its torque."""
+    def errors(self, q, v, a, torque, gravity, geometry=None):
+        """RMS error of each joint that the best parameters and friction of all joints leave, relative to its RMS torque."""
         some = slice(None, None, max(1, q.shape[1] // 400))
         q, v, a, torque = (x[:, some] for x in (q, v, a, torque))
         rigid, rows = self.columns(q, v, a, gravity, geometry), q.shape[1]
@@ -182,7 +182,7 @@ class Arm:
         scale = numpy.sqrt((columns ** 2).sum(0))
         columns = columns[:, scale > 0] / scale[scale > 0]
         found = numpy.linalg.lstsq(columns, wanted, rcond=1e-7)[0]
-        return ((wanted - columns @ found) ** 2).sum()
+        return numpy.sqrt(((wanted - columns @ found).reshape(self.n, rows) ** 2).mean(1))
 
     def friction(self, v, load):
         """Friction `[n, rows]` at the speeds `v` under the torque `load`."""

@@ -93,11 +93,22 @@ fn a_log_of_currents_and_temperatures_is_kept_and_says_what_it_lacks() {
             row[..1].iter().chain(&row[13..]).cloned().chain(temperatures).collect()
         })
         .collect();
-    fs::write(workshop.inbox("Log_20260105_0847.csv"), joined(&rows)).expect("an export");
+    for day in 5..8 {
+        let name = format!("Log_2026010{day}_0847.csv");
+        let mut rows = rows.clone();
+        // the start of another recording
+        rows[1][0] = format!("0.000{day}");
+        fs::write(workshop.inbox(&name), joined(&rows)).expect("an export");
+    }
     workshop.run(&["ingest", "inbox"]);
-    assert_eq!(workshop.query("SELECT robot, status, rows FROM runs"), ["Log|complete|8509"]);
+    assert_eq!(workshop.query("SELECT robot, status, rows FROM runs"), ["Log|complete|8509"; 3]);
+    assert_eq!(
+        workshop.number("SELECT count(*) FROM anomalies"),
+        0,
+        "no log can be less accurate than before"
+    );
     let cycles = workshop.query("SELECT status, reason, remarks FROM cycles");
-    let [cycle] = &cycles[..] else { panic!("{cycles:?}") };
+    let cycle = &cycles[0];
     assert!(
         cycle.starts_with("refused|the log has no positions: parameters and friction need the position"),
         "{cycle}"

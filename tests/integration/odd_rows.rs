@@ -79,6 +79,47 @@ fn rows_and_times_that_are_not_as_they_should_be_give_the_same_cycles() {
 }
 
 #[test]
+fn rows_that_are_left_out_are_remarks_of_their_cycle() {
+    let workshop = Workshop::new();
+    let options = ["--cycles", "2", "--name", "R01", "--warming-s", "5", "--seed", "11"];
+    let text = fs::read_to_string(&workshop.simulate("made", &options)[0]).expect("an export");
+    let mut twice = cells(&text);
+    let cycle = twice[0].iter().position(|name| name == "cycle").expect("a cycle");
+    for (number, rows) in [("2", 2), ("1", 1)] {
+        let at = twice.iter().position(|row| row[cycle] == number).expect("a row") + 100;
+        (0..rows).for_each(|_| twice.insert(at, twice[at].clone()));
+    }
+    let twice = joined(&twice);
+    let ends: [(&str, Vec<u8>, &str); 2] = [
+        (
+            "R01_20260105_0847_x.csv",
+            twice.as_bytes()[..twice.len() - 30].to_vec(),
+            "the last line has too few fields",
+        ),
+        (
+            "R01_20260106_0847_x.csv",
+            [twice.as_bytes(), &[0; 64]].concat(),
+            "64 NUL bytes behind the last row",
+        ),
+    ];
+    for (name, export, _) in &ends {
+        fs::write(workshop.inbox(name), export).expect("written");
+    }
+    workshop.stdout(&["ingest", "inbox"], 0);
+    for (name, _, words) in ends {
+        let remarks = |cycle: u32| {
+            let of_cycle = format!(
+                "SELECT remarks FROM cycles JOIN runs USING (run_id) WHERE source_name = '{name}' AND cycle = {cycle}"
+            );
+            workshop.query(&of_cycle).concat()
+        };
+        let (first, second) = (remarks(1), remarks(2));
+        assert!(first.contains("1 such row is left out") && !first.contains(words), "{first}");
+        assert!(second.contains("2 such rows are left out") && second.contains(words), "{second}");
+    }
+}
+
+#[test]
 fn a_test_over_midnight_or_a_change_of_clocks_is_one_recording() {
     let workshop = Workshop::new();
     let options = ["--cycles", "1", "--name", "R01", "--warming-s", "5", "--seed", "12"];

@@ -95,6 +95,7 @@ fn summary(
         joint,
         warm_friction: warm_friction(joint, settings, points),
         excitation_friction: None,
+        half_speed_friction: None,
         friction_index: None,
         relative_rmsd: median(&rmsd),
         rmsd_swing: swing(&rmsd),

@@ -56,6 +56,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
             joint,
             warm_friction: None,
             excitation_friction: None,
+            half_speed_friction: None,
             friction_index: None,
             relative_rmsd: median(&of_joint.map(|(_, value)| *value).collect::<Vec<f64>>()),
             rmsd_swing: None,

@@ -510,8 +510,11 @@ pub struct JointSummary {
     /// Warm friction from the identified friction coefficients of the excitation: the only friction result of
     /// recordings without a friction stage.
     pub excitation_friction: Option<WarmFriction>,
-    /// Friction relative to the joint's own baseline at equal thermal state, if the robot's history gives one. It is
-    /// only known after the run was compared with that history.
+    /// The same coefficients at half the speed of [`Self::excitation_friction`], Nm (N). Tests that reach different speeds are
+    /// compared at a speed that both have.
+    pub half_speed_friction: Option<Estimate>,
+    /// Friction against the joint's own baseline at equal thermal state, where the robot's history gives one:
+    /// known only once the run is held against that history.
     pub friction_index: Option<Estimate>,
     /// Median over the cycles of the moving relative RMSD of the excitation stage.
     pub relative_rmsd: Option<f64>,

@@ -85,7 +85,7 @@ pub use robot::alarms::anomalies::{AnomalyEvent, Reconciled};
 pub use robot::alarms::health::{OverdueRobot, RunResult};
 pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
-pub use robot::dates::{DatedRun, DecidedRun, NotDecided, RunDecision};
+pub use robot::dates::{DatedPlace, DatedRun, DecidedRun, NotDecided, RunDecision};
 pub use robot::figures::friction_series::{FrictionSeries, TestPoints};
 pub use robot::indices::baseline_plan::known::{KnownMap, KnownPlan};
 pub use robot::indices::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};

@@ -41,7 +41,7 @@ INSERT INTO cycle_friction_level SELECT cycle_id, joint, number * 5.0, (cycle_id
 INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error) SELECT cycle_id, model_parameter_id, 1.0,
     0.01 FROM of_cycle CROSS JOIN model_parameter;
 INSERT INTO run_joint_summary SELECT run_id, joint, 1.0, 0.01, 60.0, 1.0, 0.05 + (run_id * 7919 % 1000) * 1e-6, 0.001,
-    24, 'weighted', 1.0, 0.01, 60.0, 1.0, 0.03, 12.0 FROM of_run CROSS JOIN joints;
+    24, 'weighted', 1.0, 0.01, 60.0, 1.0, 0.03, 12.0, 0.9, 0.02 FROM of_run CROSS JOIN joints;
 INSERT INTO run_friction SELECT run_id, zeroblob(32) FROM of_run;
 INSERT INTO run_friction_points SELECT run_id, joint, 96 FROM of_run CROSS JOIN joints;
 INSERT INTO run_friction_index SELECT run_id, joint, 1 + (run_id * 7919 % 1000) * 1e-5, 0.005, 0.0, 0.01, 0.0, 96,

@@ -441,6 +441,7 @@ fn joint_summary(
             speed_fraction: 0.5,
         }),
         excitation_friction: None,
+        half_speed_friction: None,
         friction_index: Some(index),
         relative_rmsd: Some(usual_nm.hypot(more_nm) / joint.torque_nm),
         rmsd_swing: (cycles > 2)

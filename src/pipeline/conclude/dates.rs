@@ -1,21 +1,26 @@
 //! Recordings with implausible starts: they are reported, and excluded if they are out of order.
 
-use jiff::Timestamp;
+use std::collections::HashSet;
+
+use jiff::{SignedDuration, Timestamp};
 
 use crate::pipeline::context::{Pipeline, PipelineError};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 use armwatch_model::run::RunKind;
 use armwatch_model::run::arrival::{Arrival, DateProblem, ImplausibleDate, implausible_dates};
-use armwatch_store::{DatedRun, StaleRobot};
+use armwatch_store::{DatedPlace, DatedRun, StaleRobot};
 
 /// Most recordings that a message names.
 const MOST_NAMED: usize = 3;
 
-/// A robot is unwatched if this many of its latest arrived tests are all excluded.
+/// So many tests that arrived last and are all out of order leave a robot unwatched, unless their order of arrival counts.
 const UNWATCHED: usize = 3;
 
-/// A recording with an implausible start.
+/// Tests that arrived together follow each other by this.
+const STEP: SignedDuration = SignedDuration::from_secs(1);
+
+/// A recording whose start cannot be right.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Misdated {
     run: DatedRun,
@@ -24,13 +29,15 @@ struct Misdated {
     place: Timestamp,
 }
 
-/// The result of checking the starts of a robot's recordings.
+/// Judgement on the starts of a robot's recordings.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct JudgedDates {
     misdated: Vec<Misdated>,
-    /// Number of latest tests that are all excluded.
-    tests_left_out: usize,
-    /// True if recordings left the history or came back, so that it must be read again.
+    /// Tests that arrived last and are all out of order.
+    latest_out_of_order: usize,
+    /// Those of them whose order of arrival counts.
+    by_arrival: HashSet<i64>,
+    /// Recordings left the history, came back or moved, so that it has to be read again.
     pub(super) changes_history: bool,
 }
 
@@ -41,22 +48,46 @@ impl Pipeline {
     /// Those of the store.
     pub(super) async fn judge_dates(&self, robot: &StaleRobot) -> Result<JudgedDates, PipelineError> {
         let runs = self.store.dated_runs(&robot.name).await?;
-        let mut judged = JudgedDates { misdated: Vec::new(), tests_left_out: 0, changes_history: false };
+        let mut judged = JudgedDates {
+            misdated: Vec::new(),
+            latest_out_of_order: 0,
+            by_arrival: HashSet::new(),
+            changes_history: false,
+        };
         let mut changed = Vec::new();
         for kind in [RunKind::Test, RunKind::Production] {
             let of_kind: Vec<&DatedRun> = runs.iter().filter(|run| run.kind == kind).collect();
-            let mut latest = None;
-            for (&run, date) in of_kind.iter().zip(self.implausible(&robot.name, &of_kind)) {
-                let is_set_aside = date.is_some_and(|date| !date.is_in_order);
-                if run.problem != date.map(|date| date.to_string()) || run.is_set_aside != is_set_aside {
-                    judged.changes_history |= run.is_set_aside != is_set_aside;
-                    changed.push((run.run_id, date));
+            let dates = self.implausible(&robot.name, &of_kind);
+            let is_out = |date: &Option<ImplausibleDate>| date.is_some_and(|date| !date.is_in_order);
+            let latest_out = dates.iter().rev().take_while(|date| is_out(date)).count();
+            let in_order = dates.iter().filter(|date| !is_out(date)).count();
+            // no other test shows the present state of the arm; baselines consist of other tests
+            let by_arrival = kind == RunKind::Test
+                && latest_out >= UNWATCHED
+                && in_order >= self.config.detect.baseline_runs.max(1);
+            if kind == RunKind::Test {
+                judged.latest_out_of_order = latest_out;
+            }
+            let mut latest: Option<Timestamp> = None;
+            for (at, (&run, date)) in of_kind.iter().zip(dates).enumerate() {
+                let place = match (is_out(&date), latest) {
+                    (false, _) => DatedPlace::Start,
+                    (true, Some(latest)) if by_arrival && at >= of_kind.len() - latest_out => {
+                        DatedPlace::Arrival(run.arrived_at.max(latest + STEP))
+                    }
+                    (true, _) => DatedPlace::LeftOut,
+                };
+                if run.problem != date.map(|date| date.to_string()) || run.place != place {
+                    judged.changes_history |= run.place != place;
+                    changed.push((run.run_id, date, place));
                 }
-                if !is_set_aside {
-                    latest = latest.max(Some(run.started_at));
-                }
-                if kind == RunKind::Test {
-                    judged.tests_left_out = if is_set_aside { judged.tests_left_out + 1 } else { 0 };
+                match place {
+                    DatedPlace::Start => latest = latest.max(Some(run.started_at)),
+                    DatedPlace::Arrival(at) => {
+                        latest = Some(at);
+                        judged.by_arrival.insert(run.run_id);
+                    }
+                    DatedPlace::LeftOut => {}
                 }
                 if let Some(date) = date {
                     let place = latest.unwrap_or(run.started_at);
@@ -67,9 +98,13 @@ impl Pipeline {
         if !changed.is_empty() {
             self.store.mark_dates(&changed).await?;
         }
-        let is_new = |of: &&Misdated| changed.iter().any(|(run_id, _)| *run_id == of.run.run_id);
+        let is_new = |of: &&Misdated| changed.iter().any(|(run_id, ..)| *run_id == of.run.run_id);
         for Misdated { run, date, .. } in judged.misdated.iter().filter(is_new) {
-            let effect = if date.is_in_order { "its order of arrival counts" } else { "it is excluded" };
+            let effect = match (date.is_in_order, judged.by_arrival.contains(&run.run_id)) {
+                (true, _) => "its order of arrival counts",
+                (false, true) => "it can open alarms, in the order of arrival",
+                (false, false) => "it is excluded",
+            };
             tracing::warn!(
                 robot = robot.name,
                 run_id = run.run_id,
@@ -98,6 +133,32 @@ impl Pipeline {
 }
 
 impl JudgedDates {
+    /// Tests that only open alarms, in the order of their arrival.
+    pub(super) const fn by_arrival(&self) -> &HashSet<i64> {
+        &self.by_arrival
+    }
+
+    /// The alarms that only the tests in the order of arrival show. `with` are the anomalies of the history with these tests;
+    /// `in_order` are those without them, which stay as they are.
+    pub(super) fn shown_by_arrival(&self, with: Vec<Anomaly>, in_order: &[Anomaly]) -> Vec<Anomaly> {
+        let is_known = |of: &Anomaly| {
+            in_order.iter().any(|known| {
+                (known.joint, known.quantity) == (of.joint, of.quantity)
+                    && (!known.ended || known.first_run_id == of.first_run_id)
+            })
+        };
+        let is_shown = |of: &Anomaly| {
+            of.severity > Severity::Info && self.by_arrival.contains(&of.last_run_id) && !is_known(of)
+        };
+        let mut shown: Vec<Anomaly> = with.into_iter().filter(is_shown).collect();
+        for of in &mut shown {
+            of.message.push_str(
+                "; tests whose recorded starts cannot be right show it, in the order of their arrival",
+            );
+        }
+        shown
+    }
+
     /// The anomaly that names them.
     pub(super) fn anomaly(&self) -> Option<Anomaly> {
         let (first, last) = (self.misdated.first()?, self.misdated.last()?);
@@ -139,7 +200,7 @@ impl JudgedDates {
     }
 
     fn is_unwatched(&self) -> bool {
-        self.tests_left_out >= UNWATCHED
+        self.latest_out_of_order >= UNWATCHED && self.by_arrival.is_empty()
     }
 
     fn message(&self) -> String {
@@ -153,23 +214,28 @@ impl JudgedDates {
         if all > MOST_NAMED {
             named.push(format!("and {} more", all - MOST_NAMED));
         }
-        let effect = match self.misdated.iter().filter(|of| !of.date.is_in_order).count() {
+        let is_left_out = |of: &&Misdated| !of.date.is_in_order && !self.by_arrival.contains(&of.run.run_id);
+        let effect = match self.misdated.iter().filter(is_left_out).count() {
             0 => "the order of arrival counts".to_owned(),
             left_out if left_out == all => "no conclusion uses such a recording".to_owned(),
             left_out => {
                 format!("{left_out} of {all} are excluded; the others count in the order of arrival")
             }
         };
-        let unwatched = match self.is_unwatched() {
-            true => format!(
-                "the last {} tests are excluded, so the robot is not watched; if the order of arrival is \
-                right, include them with `armwatch run-date RUN.. --as-arrived`; ",
-                self.tests_left_out
+        let tests = self.latest_out_of_order;
+        let latest = match self.by_arrival.is_empty() {
+            false => format!(
+                "the last {tests} tests have no place in the order of the others: they open alarms in the order of their \
+                 arrival, and change or end no earlier alarm; `armwatch run-date RUN.. --as-arrived` confirms this order; "
             ),
-            false => String::new(),
+            true if self.is_unwatched() => format!(
+                "the last {tests} tests are left out, so that the robot is not watched; if the order of arrival is right, \
+                 `armwatch run-date RUN.. --as-arrived` lets them count; "
+            ),
+            true => String::new(),
         };
         format!(
-            "{unwatched}the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a \
+            "{latest}the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a \
              start",
             named.join("; ")
         )

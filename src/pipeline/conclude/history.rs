@@ -101,7 +101,8 @@ impl Pipeline {
             let now = self.store.conclude(robot.robot_id).await?.history().await?;
             return Ok(HistoryOutcome::Overtaken(now));
         }
-        // no conclusion compares results of two estimators
+        let needs_all = in_any_case || !dates.by_arrival().is_empty();
+        // no conclusion compares figures of two estimators
         let history = match self.reweight_robot(robot.robot_id).await? {
             true => self.store.conclude(robot.robot_id).await?.history().await?,
             false => history,
@@ -116,7 +117,7 @@ impl Pipeline {
         let mixed = tokio::task::spawn_blocking(move || warm_up_fits_on(&spare, &points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
         let (friction, plan) =
-            friction_conclusion(&self.store, robot.robot_id, baseline_runs, in_any_case).await?;
+            friction_conclusion(&self.store, robot.robot_id, baseline_runs, needs_all).await?;
         for remark in &friction.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
@@ -155,9 +156,18 @@ impl Pipeline {
         }
         // a test completed in the meantime has no index yet
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
-        let (known, settings) = (in_any_case.then_some(&known), &self.config.detect);
-        let tests =
-            judge_tests(&self.store, robot.robot_id, known, &peers, settings, &Lengths::OF_TESTS).await?;
+        let (in_order, settings) = (&known - dates.by_arrival(), &self.config.detect);
+        let judge = async |known: Option<&HashSet<i64>>| {
+            judge_tests(&self.store, robot.robot_id, known, &peers, settings, &Lengths::OF_TESTS).await
+        };
+        let tests = judge(needs_all.then_some(&in_order)).await?;
+        let by_arrival = match dates.by_arrival().is_empty() {
+            true => Vec::new(),
+            false => {
+                let with = judge(in_any_case.then_some(&known)).await?.findings.anomalies;
+                dates.shown_by_arrival(with, &tests.findings.anomalies)
+            }
+        };
         let logs = judge_logs(&self.store, robot.robot_id, settings, &Lengths::OF_LOGS).await?;
         tracing::debug!(
             robot = robot.name,
@@ -169,6 +179,7 @@ impl Pipeline {
             "judged"
         );
         let mut findings = tests.findings;
+        findings.anomalies.extend(by_arrival);
         findings.anomalies.extend(logs.findings.anomalies);
         findings.anomalies.extend(dates.anomaly());
         self.measure_loads(&robot.name, &mut findings.anomalies).await?;

@@ -138,6 +138,7 @@ impl Fleet {
             joint: JointIndex::new(joint),
             warm_friction: None,
             excitation_friction: None,
+            half_speed_friction: None,
             friction_index: None,
             relative_rmsd: None,
             rmsd_swing: None,

@@ -1,5 +1,6 @@
 //! Cuts rows into cycles for analysis, in the same way for settled and growing files.
 
+use std::io::Read;
 use std::time::{Duration, Instant, SystemTime};
 
 use tokio::runtime::Handle;
@@ -13,7 +14,8 @@ use super::resume_point::ResumePoint;
 use crate::pipeline::cycle_memory::{HeldCycle, OpenCycle};
 use armwatch_ingest::bytes::fingerprint::RunningHash;
 use armwatch_ingest::rejection::Rejection;
-use armwatch_ingest::table::reader::Chunk;
+use armwatch_ingest::table::mended::{Mended, MendedRow};
+use armwatch_ingest::table::reader::{Chunk, ExportReader};
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, ContentPrefix, Cycle};
 use armwatch_store::{ReadSoFar, StoredPoint};
@@ -26,7 +28,9 @@ const LONGEST_HEADER: usize = 64 << 10;
 pub struct CutCycle {
     /// The cycle.
     pub cycle: Cycle,
-    /// At least all bytes of its rows, and the point after them that reading continues from.
+    /// Sentences about repairs in its rows and in those since the cycle before it.
+    pub remarks: Vec<String>,
+    /// At least all bytes of its rows, and where reading goes on behind them.
     pub read: ReadSoFar,
     /// Work of reading and cutting since the cycle before it, without waiting.
     pub took: Duration,
@@ -79,6 +83,8 @@ pub struct Cutting<'i> {
     open_cycle: OpenCycle,
     cycle_count: u32,
     positions: ReadPositions,
+    /// Repairs in rows that no cycle has yet.
+    mended: Vec<MendedRow>,
     header: Option<String>,
     took: Duration,
     written: Option<SystemTime>,
@@ -114,6 +120,7 @@ impl<'i> Cutting<'i> {
             open_cycle: intake.memory.enter(intake.turn.clone()),
             cycle_count,
             positions,
+            mended: Vec::new(),
             header: None,
             took: Duration::ZERO,
             written: None,
@@ -155,6 +162,7 @@ impl<'i> Cutting<'i> {
         let began = Instant::now();
         self.positions.note(chunk.position, &self.cutter);
         self.cutter.note_line(chunk.first_line);
+        self.mended.extend(chunk.mended);
         self.cutter.push(chunk.samples);
         self.took += began.elapsed();
         if !self.send_cut()? {
@@ -176,7 +184,7 @@ impl<'i> Cutting<'i> {
             let point = if is_last { self.positions.at_cut(&self.cutter) } else { None };
             let point = point.map(|point| ResumePoint { header: self.header.clone(), ..point });
             let point = point.and_then(|point| resume::encoded(&point, &self.intake.made_with));
-            if self.stop.is_cancelled() || !self.send(cycle, point, false) {
+            if self.stop.is_cancelled() || !self.send(cycle, point, None) {
                 return Ok(false);
             }
         }
@@ -190,23 +198,26 @@ impl<'i> Cutting<'i> {
         cycle
     }
 
-    /// Ends the export after `rows` rows and `rows_skipped` skipped bad ones, and sends its last cycles. They have no
-    /// resume point, since the end of the file has cut them.
+    /// Ends the export that `reader` has read, and sends its last cycles. They have no point to go on from, since the end of
+    /// the file has cut them.
     ///
     /// # Errors
     /// A rejection of an export without stages.
-    pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
+    pub fn end<R: Read>(mut self, reader: &ExportReader<R>) -> Result<ReadEnd, Rejection> {
         self.cutter.finish();
         // the end of the file ended the cycle
         self.written = None;
-        while let Some(cycle) = self.next_cycle()? {
-            if !self.send(cycle, None, true) {
+        let mut next = self.next_cycle()?;
+        while let Some(cycle) = next {
+            next = self.next_cycle()?;
+            let behind = if next.is_none() { reader.left_out_at_end() } else { Vec::new() };
+            if !self.send(cycle, None, Some(behind)) {
                 return Ok(ReadEnd::Interrupted);
             }
         }
         Ok(ReadEnd::Complete(ReadTotals {
-            rows,
-            rows_skipped,
+            rows: reader.rows(),
+            rows_skipped: reader.passed_over().rows,
             sample_rate: self.cutter.sample_rate(),
             cycles: self.cycle_count,
             content: self.hash.prefix(),
@@ -225,7 +236,13 @@ impl<'i> Cutting<'i> {
         }
     }
 
-    fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>, cut_by_end: bool) -> bool {
+    /// Sends a cycle. `at_end` are sentences about the end of the file, if that has cut the cycle.
+    fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>, at_end: Option<Vec<String>>) -> bool {
+        let last = cycle.samples.time.last().copied().unwrap_or(f64::INFINITY);
+        let (cut_by_end, mut mended) = (at_end.is_some(), Mended::default());
+        let of_cycle = self.mended.iter().take_while(|of| of.time <= last).count();
+        mended.add(&self.mended.drain(..of_cycle).collect::<Vec<_>>());
+        let remarks = mended.sentences().into_iter().chain(at_end.unwrap_or_default()).collect();
         self.cycle_count += 1;
         if self.cycle_count <= self.intake.cycles_stored {
             return true;
@@ -233,6 +250,8 @@ impl<'i> Cutting<'i> {
         let read = ReadSoFar { prefix: self.hash.prefix(), resume, cut_by_end };
         let took = std::mem::take(&mut self.took);
         let held = self.intake.memory.hold(&cycle);
-        self.cycles.blocking_send(CutCycle { cycle, read, took, written: self.written, held }).is_ok()
+        self.cycles
+            .blocking_send(CutCycle { cycle, remarks, read, took, written: self.written, held })
+            .is_ok()
     }
 }

@@ -405,7 +405,7 @@ fn read(
                             ends here, and later rows are another recording",
                             growth.hash().bytes()
                         );
-                        return cutting.end(export.rows(), export.passed_over().rows);
+                        return cutting.end(export);
                     }
                     _ => return Ok(ReadEnd::Changed),
                 },
@@ -419,7 +419,7 @@ fn read(
     if !growth.is_as_read().map_err(failed)? {
         return Ok(ReadEnd::Changed);
     }
-    cutting.end(export.rows(), export.passed_over().rows)
+    cutting.end(export)
 }
 
 /// The size of a file that is shorter than the part that was read, bytes.

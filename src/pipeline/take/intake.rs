@@ -452,7 +452,7 @@ fn read_if(
     if !is_asked_for(hash.so_far().0) {
         return Ok(ReadEnd::Changed);
     }
-    cutting.end(export.rows(), export.passed_over().rows)
+    cutting.end(&export)
 }
 
 /// The facts that an export's name gives.

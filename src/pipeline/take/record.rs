@@ -221,7 +221,8 @@ async fn analyse_test(
         let friction = excitation_friction(&robot, settings.reference_speed_fraction, &measured.parameters);
         let mut analysis = analyse_run_on(&spare, robot.joint_count(), &settings, &measured);
         for (summary, friction) in analysis.summaries.iter_mut().zip(friction) {
-            summary.excitation_friction = friction;
+            summary.excitation_friction = friction.map(|of| of.friction);
+            summary.half_speed_friction = friction.and_then(|of| of.at_half_speed);
         }
         analysis
     });

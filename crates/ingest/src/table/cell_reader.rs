@@ -9,7 +9,7 @@ use super::channels::RawColumns;
 use super::clock::{CHANGE_OF_CLOCKS, ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::{ColumnMap, Role};
 use super::fields::fields;
-use super::mended::{Mend, Mended};
+use super::mended::{Mend, MendedRow};
 use super::{cell, channels};
 use crate::bytes::blocks::{Block, is_blank, narrow, nul};
 use crate::bytes::fingerprint;
@@ -41,9 +41,9 @@ pub struct ReadRows {
     pub samples: RawSamples,
     /// Bad rows that were skipped.
     pub passed_over: PassedOver,
-    /// Repairs.
-    pub mended: Mended,
-    /// The last row, if times are text.
+    /// Repairs, in order.
+    pub mended: Vec<MendedRow>,
+    /// The last row, where times are text.
     pub clock: Option<PreviousTime>,
     /// Hash of the text of the last row.
     pub row: Option<ContentHash>,
@@ -105,7 +105,7 @@ pub fn read_passing_over(
         stands_still: false,
         kept: Vec::new(),
     };
-    let (mut passed, mut mended) = (PassedOver::default(), Mended::default());
+    let (mut passed, mut repeated) = (PassedOver::default(), Vec::<(usize, MendedRow)>::new());
     let mut line_before: Option<&[u8]> = None;
     // rows before each kept row, including skipped ones
     let mut places: Vec<usize> = Vec::new();
@@ -116,7 +116,11 @@ pub fn read_passing_over(
                 line_before = Some(bytes);
             }
             Err(_) if row.stands_still && repeats(bytes, line_before, previous) => {
-                mended.note(Mend::Repeated, 1, number);
+                let of = MendedRow { mend: Mend::Repeated, line: number, count: 1, time: 0.0 };
+                match repeated.last_mut() {
+                    Some((rows, before)) if *rows == places.len() => before.count += 1,
+                    _ => repeated.push((places.len(), of)),
+                }
             }
             Err(rejection) if rejection.is_bad_row && passed.rows < most => {
                 let first = Some(Box::new(rejection.at_line(number)));
@@ -129,10 +133,19 @@ pub fn read_passing_over(
         Rejection::of_file(path, "numbers that cannot be read reliably", CELL_REMEDY)
             .at_line(block.first_line)
     })?;
-    for (row, turn) in clock.turns {
+    let time_before = |rows: usize| match rows.checked_sub(1) {
+        Some(row) => samples.time.get(row).copied(),
+        None => previous.map(|previous| previous.seconds),
+    };
+    let mut mended: Vec<MendedRow> = repeated
+        .into_iter()
+        .map(|(rows, of)| MendedRow { time: time_before(rows).unwrap_or_default(), ..of })
+        .collect();
+    mended.extend(clock.turns.into_iter().map(|(row, turn)| {
         let place = places.get(row).copied().unwrap_or_default();
-        mended.note(Mend::Clock(turn), 1, block.first_line + place as u64);
-    }
+        let time = samples.time.get(row).copied().unwrap_or_default();
+        MendedRow { mend: Mend::Clock(turn), line: block.first_line + place as u64, count: 1, time }
+    }));
     if let TimeColumn::Counted(rate) = map.time
         && passed.rows > 0
     {

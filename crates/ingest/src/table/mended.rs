@@ -24,6 +24,19 @@ pub struct Places {
     pub first_line: u64,
 }
 
+/// A repair and its row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MendedRow {
+    /// Kind of the repair.
+    pub mend: Mend,
+    /// Its line in the decompressed file, from 1.
+    pub line: u64,
+    /// How many in a row.
+    pub count: u64,
+    /// Time of the row, s.
+    pub time: f64,
+}
+
 /// All repairs so far.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Mended(BTreeMap<Mend, Places>);
@@ -35,8 +48,8 @@ impl Mended {
     }
 
     /// Adds later ones.
-    pub(crate) fn add(&mut self, later: &Self) {
-        later.0.iter().for_each(|(mend, places)| self.note(*mend, places.count, places.first_line));
+    pub fn add(&mut self, later: &[MendedRow]) {
+        later.iter().for_each(|of| self.note(of.mend, of.count, of.line));
     }
 
     /// The places of one kind.

@@ -9,7 +9,7 @@ use super::channels::RawColumns;
 use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::ColumnMap;
 use super::fields::fields;
-use super::mended::{Mend, Mended};
+use super::mended::{Mend, MendedRow};
 use super::{cell, cell_reader, channels};
 use crate::bytes::blocks::Block;
 use crate::rejection::Rejection;
@@ -103,10 +103,13 @@ impl Parser {
             .and_then(|columns| channels::samples_and_clock(columns, &self.map, previous));
         match fast {
             Some((samples, clock)) => {
-                let mut mended = Mended::default();
-                for (row, turn) in clock.turns {
-                    mended.note(Mend::Clock(turn), 1, block.first_line + row as u64);
-                }
+                let at = |(row, turn): (usize, _)| MendedRow {
+                    mend: Mend::Clock(turn),
+                    line: block.first_line + row as u64,
+                    count: 1,
+                    time: samples.time.get(row).copied().unwrap_or_default(),
+                };
+                let mended = clock.turns.into_iter().map(at).collect();
                 let row = cell_reader::lines(&block.bytes).next_back().map(cell_reader::row_hash);
                 Ok(ReadRows { samples, passed_over: PassedOver::default(), mended, clock: clock.last, row })
             }

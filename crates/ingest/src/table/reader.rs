@@ -9,7 +9,7 @@ use super::cell::Decimal;
 use super::cell_reader::{LastLine, PassedOver, ReadRows};
 use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::{ColumnMap, known_columns, map_columns};
-use super::mended::{Mend, Mended};
+use super::mended::{Mend, Mended, MendedRow, Places};
 use super::parser::Parser;
 use super::preamble::Header;
 use super::{cell_reader, channels, plausible, preamble, sparse};
@@ -47,6 +47,8 @@ pub struct Chunk {
     pub first_line: u64,
     /// Position of the reader before them.
     pub position: ReadPosition,
+    /// Repairs in them, in order.
+    pub mended: Vec<MendedRow>,
 }
 
 /// Position of a reader before a row: it lets another reader of the same export continue there.
@@ -115,7 +117,9 @@ pub struct ExportReader<R> {
     most_bad: u64,
     passed_over: PassedOver,
     mended: Mended,
-    /// A line with too few fields that may be the last one.
+    /// Repairs since the chunk given last.
+    newly_mended: Vec<MendedRow>,
+    /// A line with too few fields, of which it is not known yet whether it is the last.
     held: Option<Block>,
     left_out: Option<LeftOut>,
     /// A rejection that follows the rows returned last.
@@ -197,6 +201,7 @@ impl<R: Read> ExportReader<R> {
             most_bad: layout.rows.skip_bad,
             passed_over: PassedOver::default(),
             mended: Mended::default(),
+            newly_mended: Vec::new(),
             held: None,
             left_out: None,
             fault: None,
@@ -247,9 +252,22 @@ impl<R: Read> ExportReader<R> {
         &self.mended
     }
 
-    /// Skips rows, a block of them at most, on the way to `position`, the position of an earlier reader of the same
-    /// export. Must be called before the first [`ExportReader::step`], until it returns [`Passed::There`]; with
-    /// [`Passed::Elsewhere`] the export is another one, and this reader must not be used.
+    /// Sentences about a cut last row and bytes behind it, which the rows do not contain.
+    #[must_use]
+    pub fn left_out_at_end(&self) -> Vec<String> {
+        let mut behind = Mended::default();
+        if let Some(Places { count, first_line }) = self.mended.places(Mend::TrailingNuls) {
+            behind.note(Mend::TrailingNuls, count, first_line);
+        }
+        let line = self.left_out.map(|LeftOut { line, reason }| {
+            format!("line {line}: the last line {reason}; the row is left out")
+        });
+        line.into_iter().chain(behind.sentences()).collect()
+    }
+
+    /// Passes over rows, a block of them at most, on the way to `position`, where a reader of the same export stood.
+    /// To be called before the first [`ExportReader::step`], until it says [`Passed::There`]; with
+    /// [`Passed::Elsewhere`] the export is another one, and this reader is of no use.
     ///
     /// # Errors
     /// A rejection of a file that is unreadable within this part.
@@ -305,7 +323,8 @@ impl<R: Read> ExportReader<R> {
             let (first_line, position) = (block.first_line, self.position_before(&block));
             let samples = self.take_rows(block)?;
             if !samples.is_empty() {
-                return Ok(Step::Rows(Box::new(Chunk { samples, first_line, position })));
+                let mended = std::mem::take(&mut self.newly_mended);
+                return Ok(Step::Rows(Box::new(Chunk { samples, first_line, position, mended })));
             }
         }
     }
@@ -336,6 +355,7 @@ impl<R: Read> ExportReader<R> {
         self.rows += samples.rows() as u64;
         self.passed_over.add(passed_over);
         self.mended.add(&mended);
+        self.newly_mended.extend(mended);
         Ok(samples)
     }
 

@@ -205,6 +205,7 @@ mod tests {
             joint: JOINT,
             warm_friction: None,
             excitation_friction: None,
+            half_speed_friction: None,
             friction_index: index.map(|value| Estimate { value, std_error: 0.01 }),
             relative_rmsd: None,
             rmsd_swing: None,

@@ -418,9 +418,12 @@ async fn reopen_run(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET started_at = CASE WHEN recorded_start IS NULL OR source_name <> $4 THEN $3 ELSE started_at END,
-             recorded_start_text = CASE WHEN source_name <> $4 THEN NULL ELSE recorded_start_text END,
-             recorded_start = CASE WHEN recorded_start IS NULL OR source_name <> $4 THEN NULL ELSE $3 END,
+         SET started_at = CASE WHEN recorded_start IS NULL OR source_name <> $4 OR coalesce(set_aside, '') = 'arrival_order'
+                               THEN $3 ELSE started_at END,
+             recorded_start_text = CASE WHEN source_name <> $4 OR coalesce(set_aside, '') = 'arrival_order'
+                                        THEN NULL ELSE recorded_start_text END,
+             recorded_start = CASE WHEN recorded_start IS NULL OR source_name <> $4 OR coalesce(set_aside, '') = 'arrival_order'
+                                   THEN NULL ELSE $3 END,
              set_aside = NULL, date_problem = NULL, robot_id = $1, model = $2, source_name = $4, source_path = $5, source_bytes = $6,
              cycles_stored = 0, rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
              prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,

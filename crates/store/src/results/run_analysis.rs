@@ -231,7 +231,8 @@ async fn insert_summaries(
                                         warm_speed_fraction, relative_rmsd, rmsd_swing, rmsd_swing_cycles,
                                         relative_noise, torque_rms_nm,
                                         excitation_friction_nm, excitation_friction_std_error_nm,
-                                        excitation_minute, excitation_speed_fraction) ",
+                                        excitation_minute, excitation_speed_fraction,
+                                        half_speed_friction_nm, half_speed_std_error_nm) ",
     )
     .push_values(rows, |mut row, summary| {
         let (warm, excitation) = (summary.warm_friction, summary.excitation_friction);
@@ -249,7 +250,9 @@ async fn insert_summaries(
             .push_bind(excitation.and_then(|e| finite(e.torque)))
             .push_bind(excitation.and_then(|e| finite(e.std_error)))
             .push_bind(excitation.and_then(|e| finite(e.minute)))
-            .push_bind(excitation.and_then(|e| finite(e.speed_fraction)));
+            .push_bind(excitation.and_then(|e| finite(e.speed_fraction)))
+            .push_bind(summary.half_speed_friction.and_then(|of| finite(of.value)))
+            .push_bind(summary.half_speed_friction.and_then(|of| finite(of.std_error)));
     })
     .build()
     .execute(executor)

@@ -16,7 +16,12 @@ use crate::values::{known_time, named, time, time_in_views};
 use armwatch_model::run::arrival::{Arrival, ImplausibleDate};
 use armwatch_model::run::{RunKind, RunStatus};
 
-/// A run whose start is judged: complete, or set aside because of its start.
+/// Values of the column `set_aside`.
+const PERSON: &str = "person";
+const MISDATED: &str = "implausible_date";
+const BY_ARRIVAL: &str = "arrival_order";
+
+/// A run as its start is judged: complete, or set aside for its start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DatedRun {
     /// Database key.
@@ -27,7 +32,7 @@ pub struct DatedRun {
     pub source_name: String,
     /// Path of the export in the ledger.
     pub source_path: String,
-    /// Start of the recording.
+    /// Start of the recording, as recorded or as a person has corrected it.
     pub started_at: Timestamp,
     /// Time of its first reading.
     pub arrived_at: Timestamp,
@@ -37,8 +42,19 @@ pub struct DatedRun {
     pub is_confirmed: bool,
     /// Reason why its start is implausible, as stored.
     pub problem: Option<String>,
-    /// True if it is set aside for that reason.
-    pub is_set_aside: bool,
+    /// Place in the history.
+    pub place: DatedPlace,
+}
+
+/// Place of a run in the history of its robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DatedPlace {
+    /// At its start.
+    Start,
+    /// At this time, in the order of arrival. It can open alarms, and takes no part in earlier ones.
+    Arrival(Timestamp),
+    /// Nowhere: it is set aside.
+    LeftOut,
 }
 
 impl DatedRun {
@@ -105,12 +121,14 @@ impl Store {
         self.checked(dated_runs(&self.readers, robot).await)
     }
 
-    /// Stores the judgement of these runs' starts. Runs out of order are set aside, others take part in conclusions
-    /// again.
+    /// Stores the judgement on the starts of these runs, and gives them their places in the history.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn mark_dates(&self, found: &[(i64, Option<ImplausibleDate>)]) -> Result<(), StoreError> {
+    pub async fn mark_dates(
+        &self,
+        found: &[(i64, Option<ImplausibleDate>, DatedPlace)],
+    ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let marked = mark_dates(&mut transaction, found).await;
         self.checked(marked)?;
@@ -138,8 +156,8 @@ impl Store {
 
 async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<DatedRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run.run_id, run.kind, run.source_name, run.source_path, run.started_at, run.ingested_at, run.date_problem,
-                run.recorded_start IS NOT NULL AS is_confirmed, run.set_aside IS NOT NULL AS is_set_aside,
+        "SELECT run.run_id, run.kind, run.source_name, run.source_path, run.started_at, run.recorded_start,
+                run.ingested_at, run.date_problem, run.set_aside,
                 (SELECT max(source_file.modified) FROM source_file
                  WHERE source_file.run_id = run.run_id AND source_file.path = run.source_path) AS file_time
          FROM run
@@ -149,17 +167,25 @@ async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Ve
     )
     .bind(robot)
     .try_map(|row: EngineRow| {
+        let (started_at, recorded) = (time(&row, "started_at")?, known_time(&row, "recorded_start")?);
+        let set_aside: Option<String> = row.try_get("set_aside")?;
+        let place = match set_aside.as_deref() {
+            None => DatedPlace::Start,
+            Some(BY_ARRIVAL) => DatedPlace::Arrival(started_at),
+            Some(_) => DatedPlace::LeftOut,
+        };
+        let is_by_arrival = matches!(place, DatedPlace::Arrival(_));
         Ok(DatedRun {
             run_id: row.try_get("run_id")?,
             kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
             source_name: row.try_get("source_name")?,
             source_path: row.try_get("source_path")?,
-            started_at: time(&row, "started_at")?,
+            started_at: recorded.filter(|_| is_by_arrival).unwrap_or(started_at),
             arrived_at: time(&row, "ingested_at")?,
             file_time: known_time(&row, "file_time")?,
-            is_confirmed: row.try_get("is_confirmed")?,
+            is_confirmed: recorded.is_some() && !is_by_arrival,
             problem: row.try_get("date_problem")?,
-            is_set_aside: row.try_get("is_set_aside")?,
+            place,
         })
     })
     .fetch_all(executor)
@@ -168,21 +194,33 @@ async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Ve
 
 async fn mark_dates(
     connection: &mut EngineConnection,
-    found: &[(i64, Option<ImplausibleDate>)],
+    found: &[(i64, Option<ImplausibleDate>, DatedPlace)],
 ) -> Result<(), sqlx::Error> {
-    for (run_id, date) in found {
+    for (run_id, date, place) in found {
         let problem = date.map(|date| date.to_string());
+        let reason = problem.as_deref().unwrap_or("its start is being corrected");
+        if let Some(RunDate { run, set_aside, .. }) = standing(&mut *connection, *run_id).await?
+            && set_aside.as_deref() == Some(BY_ARRIVAL)
+        {
+            leave(&mut *connection, *run_id, MISDATED, reason).await?;
+            place_start(&mut *connection, *run_id, run.started_at, None).await?;
+        }
+        match place {
+            DatedPlace::Start => come_back(&mut *connection, *run_id, MISDATED, None).await?,
+            DatedPlace::LeftOut => leave(&mut *connection, *run_id, MISDATED, reason).await?,
+            DatedPlace::Arrival(at) => {
+                leave(&mut *connection, *run_id, MISDATED, reason).await?;
+                if let Some(RunDate { run, .. }) = standing(&mut *connection, *run_id).await? {
+                    place_start(&mut *connection, *run_id, *at, Some(run.started_at)).await?;
+                }
+                come_back(&mut *connection, *run_id, MISDATED, Some(BY_ARRIVAL)).await?;
+            }
+        }
         sqlx::query("UPDATE run SET date_problem = $2 WHERE run_id = $1")
             .bind(run_id)
             .bind(&problem)
             .execute(&mut *connection)
             .await?;
-        match (date, &problem) {
-            (Some(date), Some(problem)) if !date.is_in_order => {
-                leave(&mut *connection, *run_id, "implausible_date", problem).await?;
-            }
-            _ => come_back(&mut *connection, *run_id, "implausible_date").await?,
-        }
     }
     Ok(())
 }
@@ -206,24 +244,26 @@ async fn leave(
     Ok(())
 }
 
-/// Lets a run that is set aside for the reason `set_aside` take part again.
+/// Lets a run take part again that is set aside for this, marked as `now`.
 async fn come_back(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     set_aside: &str,
+    now: Option<&str>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE run SET status = 'complete', reason = NULL, superseded_by_run_id = NULL, set_aside = NULL
+        "UPDATE run SET status = 'complete', reason = NULL, superseded_by_run_id = NULL, set_aside = $3
          WHERE run_id = $1 AND set_aside = $2",
     )
     .bind(run_id)
     .bind(set_aside)
+    .bind(now)
     .execute(executor)
     .await?;
     Ok(())
 }
 
-/// A run before a decision.
+/// A run before a decision. The start is the recorded one if the run has its place by arrival.
 struct RunDate {
     run: DecidedRun,
     status: RunStatus,
@@ -241,15 +281,22 @@ async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Opti
     )
     .bind(run_id)
     .try_map(|row: EngineRow| {
+        let set_aside: Option<String> = row.try_get("set_aside")?;
+        let started_at = time(&row, "started_at")?;
+        let recorded = known_time(&row, "recorded_start")?;
+        let (started_at, recorded_start) = match (recorded, set_aside.as_deref()) {
+            (Some(recorded), Some(BY_ARRIVAL)) => (recorded, None),
+            _ => (started_at, recorded),
+        };
         Ok(RunDate {
             run: DecidedRun {
                 robot: row.try_get("robot")?,
                 source_name: row.try_get("source_name")?,
-                started_at: time(&row, "started_at")?,
-                recorded_start: known_time(&row, "recorded_start")?,
+                started_at,
+                recorded_start,
             },
             status: named(&row, "status", &RunStatus::ALL, RunStatus::name)?,
-            set_aside: row.try_get("set_aside")?,
+            set_aside,
             arrived_at: time(&row, "ingested_at")?,
         })
     })
@@ -286,10 +333,13 @@ async fn decide(
             correct_start(&mut *connection, run_id, &run, set_aside.as_deref()).await?;
         }
         RunDecision::SetAside(who) => {
-            leave(&mut *connection, run_id, "person", &format!("set aside by {who}")).await?;
+            if set_aside.as_deref() == Some(BY_ARRIVAL) {
+                correct_start(&mut *connection, run_id, &run, None).await?;
+            }
+            leave(&mut *connection, run_id, PERSON, &format!("set aside by {who}")).await?;
         }
-        RunDecision::TakeBack if set_aside.as_deref() == Some("person") => {
-            come_back(&mut *connection, run_id, "person").await?;
+        RunDecision::TakeBack if set_aside.as_deref() == Some(PERSON) => {
+            come_back(&mut *connection, run_id, PERSON, None).await?;
         }
         RunDecision::TakeBack => return Ok(Err(NotDecided::NothingToUndo)),
     }
@@ -310,21 +360,34 @@ async fn correct_start(
     run: &DecidedRun,
     set_aside: Option<&str>,
 ) -> Result<(), sqlx::Error> {
-    let by_person = set_aside == Some("person");
+    let by_person = set_aside == Some(PERSON);
     if !by_person {
-        leave(&mut *connection, run_id, "implausible_date", "its start is being corrected").await?;
+        leave(&mut *connection, run_id, MISDATED, "its start is being corrected").await?;
     }
-    move_start(&mut *connection, run_id, run.started_at).await?;
-    sqlx::query(
-        "UPDATE run SET recorded_start = $2, recorded_start_text = $3, date_problem = NULL WHERE run_id = $1",
-    )
-    .bind(run_id)
-    .bind(run.recorded_start.map(Timestamp::as_microsecond))
-    .bind(run.recorded_start.map(time_in_views))
-    .execute(&mut *connection)
-    .await?;
+    place_start(&mut *connection, run_id, run.started_at, run.recorded_start).await?;
+    sqlx::query("UPDATE run SET date_problem = NULL WHERE run_id = $1")
+        .bind(run_id)
+        .execute(&mut *connection)
+        .await?;
     if !by_person {
-        come_back(&mut *connection, run_id, "implausible_date").await?;
+        come_back(&mut *connection, run_id, MISDATED, None).await?;
     }
+    Ok(())
+}
+
+/// Moves the start of a run. `recorded` is the recorded start if the new one is another.
+async fn place_start(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    start: Timestamp,
+    recorded: Option<Timestamp>,
+) -> Result<(), sqlx::Error> {
+    move_start(&mut *connection, run_id, start).await?;
+    sqlx::query("UPDATE run SET recorded_start = $2, recorded_start_text = $3 WHERE run_id = $1")
+        .bind(run_id)
+        .bind(recorded.map(Timestamp::as_microsecond))
+        .bind(recorded.map(time_in_views))
+        .execute(&mut *connection)
+        .await?;
     Ok(())
 }

@@ -112,7 +112,8 @@ async fn first_tests(
         "SELECT early.run_id, summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm,
                 summary.warm_minute, summary.warm_speed_fraction, summary.excitation_friction_nm,
                 summary.excitation_friction_std_error_nm, summary.excitation_minute,
-                summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
+                summary.excitation_speed_fraction, summary.half_speed_friction_nm,
+                summary.half_speed_std_error_nm, summary.relative_rmsd, summary.rmsd_swing,
                 summary.rmsd_swing_cycles, summary.relative_noise, summary.torque_rms_nm,
                 NULL AS friction_index, NULL AS friction_index_std_error
          FROM (SELECT run_id, started_at FROM run

@@ -286,6 +286,7 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
             minute: 90.0,
             speed_fraction: 0.5,
         }),
+        half_speed_friction: known.then_some(Estimate { value: 1.5 * seed, std_error: 0.3 }),
         friction_index: None,
         relative_rmsd: known.then_some(0.05 + seed / 1000.0),
         rmsd_swing: known.then_some(RmsdSwing { value: 0.002, cycles: 24 }),

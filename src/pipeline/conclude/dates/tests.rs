@@ -180,7 +180,62 @@ async fn wrong_dates_end_no_alarm_and_a_robot_is_not_ok_by_them() {
     let ok = count(&store, "SELECT count(*) FROM fleet_health WHERE status IN ('ok', 'learning')").await;
     assert_eq!(ok, 0, "the latest tests say nothing");
     let why = texts(&store, "SELECT DISTINCT reason FROM fleet_health").await;
-    assert!(why[0].starts_with("the last 5 tests are excluded, so the robot is not watched"), "{why:?}");
+    assert!(why[0].starts_with("the date of the latest test") && why[0].contains("2026-01-23T"), "{why:?}");
+    assert_eq!(count(&store, ALARMS).await, 0, "they show no load");
+}
+
+#[tokio::test]
+async fn an_alarm_is_raised_where_no_test_with_the_load_has_a_right_date() {
+    let wrong = [
+        "1970-01-01",
+        "1980-01-06",
+        "2000-01-01",
+        "2019-03-01",
+        "2025-01-05",
+        "2026-11-20",
+        "2027-03-01",
+        "2036-02-07",
+        "2099-03-01",
+        "2106-02-07",
+    ];
+    for first in wrong {
+        let (_folder, store, pipeline) = tests().await;
+        for run in 10..25 {
+            date(&store, run, day(first) + 10 * DAY * run).await;
+        }
+        for until in [9, 12, 18, 24] {
+            arrived(&store, until).await;
+            pipeline.conclude().await.expect("conclusions");
+        }
+        assert!(count(&store, ALARMS).await > 0, "{first}: no alarm");
+        assert_eq!(count(&store, OPENED).await, count(&store, ALARMS).await, "{first}: opened, as any alarm");
+        let named = texts(&store, NAMED).await;
+        assert!(named.len() == 1 && named[0].contains("--as-arrived"), "{first}: {named:?}");
+        let of_baseline = "SELECT count(*) FROM friction_baseline_run WHERE run_id >= 10";
+        assert_eq!(count(&store, of_baseline).await, 0, "{first}");
+        let recorded = count(
+            &store,
+            "SELECT count(*) FROM runs WHERE recorded_start_at < started_at OR recorded_start_at > started_at",
+        );
+        assert_eq!(recorded.await, 15, "{first}");
+        assert_sound(&store).await;
+    }
+}
+
+/// Of the tests that follow the first of a robot, fewer than the baseline has tests are right.
+#[tokio::test]
+async fn tests_without_a_right_date_are_no_baseline() {
+    let (_folder, store, pipeline) = tests().await;
+    for run in 4..25 {
+        date(&store, run, day("2000-01-01") + DAY * run).await;
+    }
+    pipeline.conclude().await.expect("conclusions");
+    assert_eq!((count(&store, ALARMS).await, count(&store, UNWATCHED).await), (0, 1));
+    let named = texts(&store, NAMED).await;
+    assert!(
+        named[0].starts_with("the last 21 tests are excluded") && named[0].contains("--as-arrived"),
+        "{named:?}"
+    );
 }
 
 #[tokio::test]
@@ -191,20 +246,17 @@ async fn a_corrected_date_counts_and_can_be_taken_back() {
         date(&store, run, day("2000-01-01") + DAY * run).await;
     }
     pipeline.conclude().await.expect("conclusions");
-    assert_eq!(count(&store, "SELECT count(*) FROM run WHERE set_aside IS NOT NULL").await, 15);
-    // no test can show the load, which is a separate alarm
-    assert_eq!((count(&store, ALARMS).await, count(&store, UNWATCHED).await), (0, 1));
-    let named = texts(&store, NAMED).await;
-    assert!(
-        named[0].starts_with("the last 15 tests are excluded") && named[0].contains("--as-arrived"),
-        "{named:?}"
-    );
+    assert_eq!(count(&store, "SELECT count(*) FROM run WHERE set_aside = 'arrival_order'").await, 15);
+    let before = count(&store, ALARMS).await;
+    assert!(before > 0);
+    let nothing = store.decide_about_run(24, &RunDecision::StartAsRecorded).await.expect("decided");
+    assert_eq!(nothing, Err(NotDecided::NothingToUndo), "no person has corrected it");
     for run in 10..25 {
         let decided = store.decide_about_run(run, &RunDecision::StartedAtArrival).await.expect("decided");
         assert!(decided.is_ok(), "{decided:?}");
     }
     pipeline.conclude().await.expect("conclusions");
-    assert!(count(&store, ALARMS).await > 0, "the load is seen");
+    assert_eq!(count(&store, ALARMS).await, before, "the load is seen");
     assert!(texts(&store, NAMED).await.is_empty(), "no date is questioned");
     let recorded = count(&store, "SELECT count(*) FROM runs WHERE recorded_start_at LIKE '2000-01-%'").await;
     assert_eq!(

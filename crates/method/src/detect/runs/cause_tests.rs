@@ -99,6 +99,7 @@ fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
             joint: JointIndex::new(j),
             warm_friction: None,
             excitation_friction: None,
+            half_speed_friction: None,
             friction_index: Some(Estimate {
                 value: (level + 0.003 * noise.normal()).exp(),
                 std_error: 0.004,

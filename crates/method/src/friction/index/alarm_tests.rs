@@ -31,6 +31,7 @@ pub(super) fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
                 speed_fraction: REFERENCE,
             }),
             excitation_friction: None,
+            half_speed_friction: None,
             friction_index: index.filter(|_| with_index),
             relative_rmsd: None,
             rmsd_swing: None,

@@ -34,7 +34,7 @@ pub(in crate::robot) async fn of_run(
         "SELECT summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm, summary.warm_minute,
                 summary.warm_speed_fraction, summary.excitation_friction_nm,
                 summary.excitation_friction_std_error_nm, summary.excitation_minute,
-                summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
+                summary.half_speed_friction_nm, summary.half_speed_std_error_nm, summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
                 summary.rmsd_swing_cycles, summary.relative_noise, summary.torque_rms_nm, summary.estimator,
                 found.friction_index, found.friction_index_std_error
          FROM run_joint_summary AS summary
@@ -59,10 +59,8 @@ pub(in crate::robot) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Er
         "excitation_minute",
         "excitation_speed_fraction",
     ];
-    let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
-    let friction_index = row
-        .try_get::<Option<f64>, _>("friction_index")?
-        .map(|value| Estimate { value, std_error: std_error.unwrap_or(f64::NAN) });
+    let friction_index = estimate(row, "friction_index", "friction_index_std_error")?;
+    let half_speed_friction = estimate(row, "half_speed_friction_nm", "half_speed_std_error_nm")?;
     let rmsd_swing = match row.try_get("rmsd_swing")? {
         Some(value) => Some(RmsdSwing { value, cycles: size(row, "rmsd_swing_cycles")? }),
         None => None,
@@ -71,12 +69,19 @@ pub(in crate::robot) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Er
         joint: joint(row, "joint")?,
         warm_friction: warm_friction(row, warm)?,
         excitation_friction: warm_friction(row, excitation)?,
+        half_speed_friction,
         friction_index,
         relative_rmsd: row.try_get("relative_rmsd")?,
         rmsd_swing,
         relative_noise: row.try_get("relative_noise")?,
         torque_rms: row.try_get("torque_rms_nm")?,
     })
+}
+
+fn estimate(row: &EngineRow, value: &str, std_error: &str) -> Result<Option<Estimate>, sqlx::Error> {
+    let std_error: Option<f64> = row.try_get(std_error)?;
+    let value: Option<f64> = row.try_get(value)?;
+    Ok(value.map(|value| Estimate { value, std_error: std_error.unwrap_or(f64::NAN) }))
 }
 
 /// Reads friction of a run: columns of torque, standard error, minute and speed.

@@ -80,12 +80,25 @@ impl Source {
         }
     }
 
-    fn of(self, summary: &JointSummary) -> Option<WarmFriction> {
-        match self {
-            Self::Index => None,
-            Self::Warm => summary.warm_friction,
-            Self::Excitation => summary.excitation_friction,
-        }
+    /// Torques of a run, at a speed each.
+    fn of(self, summary: &JointSummary) -> impl Iterator<Item = WarmFriction> {
+        let (first, slower) = match self {
+            Self::Index => (None, None),
+            Self::Warm => (summary.warm_friction, None),
+            Self::Excitation => (summary.excitation_friction, summary.half_speed_friction),
+        };
+        let slower = first.zip(slower).map(|(of, Estimate { value: torque, std_error })| WarmFriction {
+            torque,
+            std_error,
+            speed_fraction: 0.5 * of.speed_fraction,
+            ..of
+        });
+        first.into_iter().chain(slower)
+    }
+
+    /// The torque of a run at one speed.
+    fn at(self, summary: &JointSummary, speed_fraction: f64) -> Option<WarmFriction> {
+        self.of(summary).find(|warm| same_speed(warm, speed_fraction))
     }
 }
 
@@ -145,8 +158,8 @@ impl FrictionHistory {
     pub(in crate::detect::runs) fn new(series: &[Option<&JointSummary>], baseline_runs: usize) -> Self {
         let count = baseline_runs.max(1);
         let index = |run: usize| series[run].and_then(|summary| summary.friction_index);
-        let learnt =
-            [Source::Warm, Source::Excitation].map(|source| (source, first_runs(source, series, count)));
+        let learnt = [(Source::Warm, 1.0), (Source::Excitation, 1.0), (Source::Excitation, 0.5)]
+            .map(|(source, part)| (source, first_runs(source, part, series, count)));
         let baselines: Vec<Baseline> =
             learnt.iter().filter_map(|(source, runs)| Baseline::new(*source, runs, count)).collect();
         let has_index = (0..series.len()).any(|run| index(run).is_some());
@@ -412,15 +425,21 @@ fn index_spread(observed: &[Observed], last_run: usize) -> (f64, f64) {
     (spread, spread * spread / first.len().max(1) as f64)
 }
 
-/// Runs at the speed of the first, at most `count`, with their places in the history.
-fn first_runs(source: Source, series: &[Option<&JointSummary>], count: usize) -> Vec<(usize, WarmFriction)> {
-    let measured: Vec<(usize, WarmFriction)> = (0..series.len())
-        .filter_map(|run| series[run].and_then(|summary| source.of(summary)).map(|warm| (run, warm)))
-        .collect();
-    let Some(speed_fraction) = measured.first().map(|(_, warm)| warm.speed_fraction) else {
+/// Runs with friction at `part` of the speed of the first, at most `count`, with their places in the history.
+fn first_runs(
+    source: Source,
+    part: f64,
+    series: &[Option<&JointSummary>],
+    count: usize,
+) -> Vec<(usize, WarmFriction)> {
+    let Some(first) = series.iter().flatten().find_map(|summary| source.of(summary).next()) else {
         return Vec::new();
     };
-    measured.into_iter().filter(|(_, warm)| same_speed(warm, speed_fraction)).take(count).collect()
+    let at_speed = |summary| source.at(summary, part * first.speed_fraction);
+    (0..series.len())
+        .filter_map(|run| series[run].and_then(at_speed).map(|warm| (run, warm)))
+        .take(count)
+        .collect()
 }
 
 /// Friction torque of the joint's first runs.
@@ -462,10 +481,10 @@ impl Baseline {
 
     /// Friction of a run, if it had the same temperature as the baseline.
     fn observed(&self, series: &[Option<&JointSummary>], run: usize) -> Option<Observed> {
-        let warm = series[run].and_then(|summary| self.source.of(summary))?;
-        let comparable = same_speed(&warm, self.speed_fraction)
-            && (warm.minute - self.minute).abs() <= (WARMTH_TOLERANCE * self.minute).max(WARMTH_MINUTES);
-        // the scatter of the baseline contains the errors of its runs; a run with a larger error scatters more
+        let warm = series[run].and_then(|summary| self.source.at(summary, self.speed_fraction))?;
+        let comparable =
+            (warm.minute - self.minute).abs() <= (WARMTH_TOLERANCE * self.minute).max(WARMTH_MINUTES);
+        // the scatter of the baseline has the errors of its runs in it; a run with a larger one scatters more
         let relative_scatter = match self.source {
             Source::Index | Source::Warm => 0.0,
             Source::Excitation => (warm.std_error / self.std_error).max(1.0),

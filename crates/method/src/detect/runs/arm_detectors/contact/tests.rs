@@ -56,6 +56,7 @@ fn test(run: i64, cold: f64, pushes: &[(usize, u32, f64, f64)]) -> RunSummary {
             joint: JointIndex::new(j),
             warm_friction: None,
             excitation_friction: None,
+            half_speed_friction: None,
             friction_index: None,
             relative_rmsd: Some(0.02),
             rmsd_swing: None,
