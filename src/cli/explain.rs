@@ -394,7 +394,7 @@ fn passed_over_text(passed_over: &PassedOver, of: &Explanation) -> String {
 fn ledger_text(of: &Ledger) -> String {
     match of {
         Ledger::NoDatabase => "there is no database yet".into(),
-        Ledger::Unreadable(reason) => format!("not looked at: {reason}"),
+        Ledger::Unreadable(reason) => format!("not checked: {reason}"),
         Ledger::Unknown => "this content is not stored".into(),
         Ledger::Known(run) => {
             let reason = run.reason.as_ref().map(|reason| format!(": {reason}")).unwrap_or_default();

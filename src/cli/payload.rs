@@ -67,8 +67,8 @@ fn as_text(found: &RunPayload) -> String {
     let unseen = found.unseen();
     if !unseen.is_empty() {
         text += &format!(
-            "\nthe motion does not show {}: move the joints that turn the load faster and through more orientations, or take a \
-             heavier load",
+            "\nthe motion does not show {}: move the joints that turn the load faster and through more \
+            orientations, or use a heavier load",
             unseen.join(", ")
         );
     }

@@ -115,7 +115,7 @@ async fn work(
         return Ok(EXIT_DONE);
     }
     output::line(&format!(
-        "{} given back, {} free inside {database}, which has {}",
+        "{} returned to the file system, {} free inside {database}, which has {}",
         megabytes(emptied.page_bytes * emptied.pages.saturating_sub(after.pages)),
         megabytes(after.bytes()),
         megabytes(after.page_bytes * after.pages)

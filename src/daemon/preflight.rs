@@ -122,7 +122,7 @@ fn cluster(config: &Config, found: &mut Preflight) {
         );
     }
     if settings.host.is_none() && !settings.shared_folders.is_empty() {
-        let problem = "has no effect without a name of this daemon";
+        let problem = "has no effect without a name for this daemon";
         remark("cluster.shared_folders", problem, "set host, or start with `armwatch run --host NAME`");
     }
 }

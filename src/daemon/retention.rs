@@ -87,7 +87,7 @@ async fn doubtful(store: &Store, now: Timestamp) -> Option<Timestamp> {
     match store.last_entered_at().await {
         Ok(latest) => latest.filter(|latest| now.duration_since(*latest) > DOUBTFUL),
         Err(error) => {
-            tracing::debug!(%error, "the time of the latest export is not known");
+            tracing::debug!(%error, "the time of the latest export is unknown");
             None
         }
     }

@@ -58,7 +58,7 @@ fn what_cannot_be_is_said() {
         (&["identify", "--run", "1", "--cycles", "7"], "no cycle 7"),
         (&["identify", "--run", "1", "--cycles", "3-1"], "not a range"),
         (&["identify", "--robot", "Left"], "there are runs of: R01"),
-        (&["identify", "--run", "1", "--save", "12"], "cannot name a parameter set"),
+        (&["identify", "--run", "1", "--save", "12"], "not a valid name for a parameter set"),
         (&["verify", "--parameters", "cold", "--against", "1"], "neither a run"),
         (&["verify", "--parameters", "1:2", "--against", "2", "--store"], "whole runs"),
         (&["verify", "--parameters", "1"], "--against"),
@@ -70,7 +70,7 @@ fn what_cannot_be_is_said() {
         (&["identify", "--run", "1", "--estimator", "huber", "--each-cycle"], "cannot weight a single one"),
         (&["identify", "--run", "1", "--estimator", "per-joint", "--save", "a"], "not one parameter set"),
         (&["identify", "--run", "1", "--estimator", "per-joint", "--essential"], "--essential requires"),
-        (&["identify", "--run", "1", "--save", "description"], "cannot name"),
+        (&["identify", "--run", "1", "--save", "description"], "not a valid name"),
         (&["parameters", "show", "cold"], "parameters list"),
         (&["parameters", "delete", "cold"], "parameters list"),
     ] {

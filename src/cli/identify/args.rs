@@ -133,6 +133,7 @@ impl ValueEnum for EstimatorArg {
 
 pub(in crate::cli) fn name_taken(name: &str) -> CliError {
     CliError::Usage(format!(
-        "there is a parameter set \"{name}\"; choose another name, or `armwatch parameters delete {name}` first"
+        "the parameter set \"{name}\" already exists; choose another name, or `armwatch parameters delete \
+        {name}` first"
     ))
 }

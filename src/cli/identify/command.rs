@@ -224,7 +224,8 @@ fn check_name(name: &str) -> Result<(), CliError> {
         name.is_empty() || name.contains(':') || name.parse::<i64>().is_ok() || name == "description";
     if ambiguous {
         return Err(CliError::Usage(format!(
-            "\"{name}\" cannot name a parameter set: it is empty, a number, has a colon, or is the word description"
+            "\"{name}\" is not a valid name for a parameter set: it is empty or a number, contains a colon, \
+            or is the word description"
         )));
     }
     Ok(())

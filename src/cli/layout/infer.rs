@@ -100,7 +100,8 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     }
     if proposed.len() > 1 {
         output::print_hint(&format!(
-            "armwatch: columns of {} arms: give each a [[robot]] entry with its layout, and the export under the name of each",
+            "armwatch: columns of {} arms: give each arm a [[robot]] entry with its layout, and a copy of \
+            the export under its name",
             proposed.len()
         ));
     }
@@ -160,7 +161,7 @@ fn description(global: &Global, args: &InferArgs) -> Result<Option<Robot>, CliEr
             let found = source.read_description(robot)?;
             found.map(Some).ok_or_else(|| {
                 CliError::Usage(format!(
-                    "no [[robot]] of {source} is for a robot called {robot}; --description FILE names a \
+                    "no [[robot]] in {source} matches the robot {robot}; --description FILE names a \
                     description directly, and neither is needed if columns have names"
                 ))
             })

@@ -128,7 +128,7 @@ pub(in crate::cli) fn code(global: &Global, args: &RobotCodeArgs) -> Result<u8, 
     let difference = code.largest_difference();
     if !difference.is_finite() {
         return Err(CliError::Usage(
-            "the torques of this model are no finite numbers; check parameters and description".into(),
+            "the torques of this model are not finite; check parameters and description".into(),
         ));
     }
     if difference > ROUNDING {
@@ -323,8 +323,8 @@ fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
         .collect();
     if !missing.is_empty() {
         return Err(CliError::Usage(format!(
-            "the description {} has no nominal parameters of joints {}: add [joint.nominal], or take the identified ones \
-             with --run",
+            "the description {} has no nominal parameters of joints {}: add [joint.nominal], or use the \
+            identified ones with --run",
             robot.model,
             missing.join(", ")
         )));
@@ -357,7 +357,7 @@ fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
     let origin = CodeOrigin {
         program: program(),
         parameters: lines,
-        friction: vec!["warm, as the description has it".to_owned()],
+        friction: vec!["warm, from the description".to_owned()],
     };
     let robot = Arc::new(robot);
     Ok(CodeModel { robot, parameters, origin, sources: Vec::new(), friction_factors: None })
@@ -403,9 +403,8 @@ fn is_generated(known: &[u8], file: &SourceFile) -> bool {
 
 fn as_text(model: &CodeModel, code: &TorqueCode, difference: f64) -> String {
     format!(
-        "{}: {} joints, {} parameters, {} sums and products a call\n\
-         {VECTOR_STATES} test vectors; the formulas differ from the regressor by at most {difference:.1e} of a joint's \
-         torque scale",
+        "{}: {} joints, {} parameters, {} sums and products per call\n{VECTOR_STATES} test vectors; the \
+        formulas differ from the regressor by at most {difference:.1e} of a joint's torque scale",
         code.name,
         model.robot.joint_count(),
         model.parameters.iter().filter(|of| of.value != 0.0).count(),

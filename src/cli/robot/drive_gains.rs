@@ -175,11 +175,11 @@ fn as_text(entry: &FleetEntry, gains: &[JointGain]) -> String {
     let mut text = output::table(&header, &rows);
     for gain in gains {
         if let Err(unseen) = &gain.estimate {
-            text += &format!("\njoint {}: no answer: {}", gain.joint, reason(unseen));
+            text += &format!("\njoint {}: no result: {}", gain.joint, reason(unseen));
         } else if is_blend(entry, gain) {
             text += &format!(
-                "\njoint {}: several motors make its torque; the correction is a blend of their gains and no \
-                 motor's own",
+                "\njoint {}: several motors make its torque; the correction is a mean of their gains, not \
+                the gain of one motor",
                 gain.joint
             );
         }

@@ -199,10 +199,9 @@ pub(super) fn as_text(fitted: &Fitted) -> String {
         Some(density) => format!("cylinders of {density:.0} kg/m^3 along the links"),
     };
     format!(
-        "{} cycles, model {}; fitted in {} steps, leaning on {leaned}\n\n\
-         Links: centre of mass in the link's frame, inertia about the centre of mass; ~ not decided by data\n{}\n\n{}\n\n\
-         Price of physics, moving excitation rows\n{}\n\n\
-         Not decided by data: {}",
+        "{} cycles, model {}; fitted in {} steps, drawn towards {leaned}\n\nLinks: centre of mass in the \
+        link's frame, inertia about the centre of mass; ~ not decided by data\n{}\n\n{}\n\nPrice of \
+        physics, moving excitation rows\n{}\n\nNot decided by data: {}",
         fitted.sources.len(),
         fitted.robot.model,
         estimate.steps,

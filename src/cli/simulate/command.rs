@@ -296,12 +296,13 @@ fn unseen(fault: &Fault, runs: u32, cycles: u32) -> Option<String> {
         }
         // a step is in all of every later run
         FaultKind::Step { cycle, .. } if cycle > cycles && fault.start_run == last => (
-            format!("begins with cycle {cycle}, and a run has {cycles}"),
+            format!("begins with cycle {cycle}, but a run has only {cycles}"),
             "more --cycles, or an earlier cycle=",
         ),
-        FaultKind::Contact { cycle, .. } if cycle > cycles => {
-            (format!("is in cycle {cycle}, and a run has {cycles}"), "more --cycles, or an earlier cycle=")
-        }
+        FaultKind::Contact { cycle, .. } if cycle > cycles => (
+            format!("is in cycle {cycle}, but a run has only {cycles}"),
+            "more --cycles, or an earlier cycle=",
+        ),
         _ => return None,
     };
     Some(format!("--fault {fault} affects no export: it {why}; give {remedy}"))

@@ -180,8 +180,8 @@ impl ProductionPrecision {
                 100.0 * self.precision
             ),
             _ => format!(
-                "{missed} of {all} parameters are not known to {:.3} % with {seconds} s more either; allow \
-                a longer motion (--seconds), or allow a larger standard deviation (--precision)",
+                "{missed} of {all} parameters are not known to {:.3} % even with {seconds} s more; allow a \
+                longer motion (--seconds), or allow a larger standard deviation (--precision)",
                 100.0 * self.precision
             ),
         });

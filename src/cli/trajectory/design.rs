@@ -88,7 +88,7 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
     if !broken.is_empty() {
         broken.iter().for_each(|sentence| output::print_hint(sentence));
         output::print_hint(
-            "nothing is written: the best motion that was found breaks limits; try more --starts, or wider limits",
+            "nothing is written: the best motion found breaks limits; try more --starts, or wider limits",
         );
         return Ok(EXIT_FOUND);
     }

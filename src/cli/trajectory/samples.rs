@@ -47,7 +47,7 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
         let (now, _) = cell(time)?;
         if motion.times.last().is_some_and(|before| *before >= now) {
             return Err(fault(format!(
-                "line {line}: time {now} s does not follow {} s; times must rise",
+                "line {line}: time {now} s does not follow {} s; times must increase",
                 motion.times.last().copied().unwrap_or_default()
             )));
         }

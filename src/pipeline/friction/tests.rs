@@ -347,8 +347,8 @@ async fn a_late_test_inside_a_baseline_forms_it_anew_and_the_audit_says_so() {
     let changes = fleet.store().baseline_changes(ROBOT).await.expect("changes");
     let of_joint: Vec<Option<String>> =
         changes.into_iter().filter(|row| row.joint.index() == 0).map(|row| row.replaced_because).collect();
-    assert_eq!(of_joint, [Some("run 6 came later and was recorded before its last one".to_owned()), None]);
-    // a wrong entry is removed, which restores the previous state
+    assert_eq!(of_joint, [Some("run 6 arrived later but was recorded before its last one".to_owned()), None]);
+    // an entry that was wrong is taken back, and all is as before
     let before = fleet.indices(0).await;
     let entry = fleet.repair(0, 3).await;
     fleet.conclude().await;

@@ -152,7 +152,7 @@ fn stages_that_flicker_are_told_as_such() {
     flickering.cycle = None;
     let (cycles, fault) = cut_or_not(&layout, &mut flickering, 250);
     let fault = fault.expect("a fault").sentence();
-    assert!(cycles.is_empty() && fault.contains("the stage signal goes back"), "{fault}");
+    assert!(cycles.is_empty() && fault.contains("the stage signal returns"), "{fault}");
 }
 
 #[test]

@@ -391,26 +391,24 @@ async fn replace_baselines(
 fn why_replaced(old: &StoredBaseline, found: &FrictionConclusion) -> String {
     let gone: Vec<&i64> = old.run_ids.iter().filter(|run| !found.run_ids.contains(run)).collect();
     if !gone.is_empty() {
-        return format!("{} is no complete test any more", named(&gone));
+        return format!("{} is no longer a complete test", named(&gone));
     }
     let shared = |new: &&NewBaseline| new.run_ids.iter().filter(|run| old.run_ids.contains(run)).count();
     let of_joint = found.baselines.iter().filter(|new| new.joint == old.joint);
     let Some(new) = of_joint.max_by_key(shared).filter(|new| shared(new) > 0) else {
-        return "maintenance or descriptions that were entered or changed leave too few full tests of this epoch \
-                together"
-            .into();
+        return "after changes of maintenance or descriptions, this epoch has too few full tests".into();
     };
     if new.run_ids.len() != old.run_ids.len() {
-        return format!("a baseline has {} tests now (detect.baseline_runs)", new.run_ids.len());
+        return format!("a baseline now has {} tests (detect.baseline_runs)", new.run_ids.len());
     }
     let added: Vec<&i64> = new.run_ids.iter().filter(|run| !old.run_ids.contains(run)).collect();
     if added.is_empty() {
-        return "the motion before its runs, or the program, is another one".into();
+        return "the motion before its runs, or the program, has changed".into();
     }
     let newest_before = old.run_ids.iter().max().copied().unwrap_or(0);
     match added.iter().all(|run| **run > newest_before) {
-        true => format!("{} came later and was recorded before its last one", named(&added)),
-        false => format!("{} took a place in it", named(&added)),
+        true => format!("{} arrived later but was recorded before its last one", named(&added)),
+        false => format!("{} became part of it", named(&added)),
     }
 }
 
