@@ -190,7 +190,7 @@ fn intervals_cover_the_truth_on_three_arms() {
                 );
                 let least = match (law, gear) {
                     (LoadFriction::None, _) => 0.0,
-                    (_, "proportional") => 0.92,
+                    (LoadFriction::Linear, "proportional") => 0.92,
                     _ => 0.68,
                 };
                 assert!(found.share() >= least, "{found:?}");
