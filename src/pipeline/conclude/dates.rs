@@ -139,12 +139,15 @@ impl JudgedDates {
     }
 
     /// The alarms that only the tests in the order of arrival show. `with` are the anomalies of the history with these tests;
-    /// `in_order` are those without them, which stay as they are.
+    /// `in_order` are those without them, which stay as they are: a joint that has an alarm gets no other one.
     pub(super) fn shown_by_arrival(&self, with: Vec<Anomaly>, in_order: &[Anomaly]) -> Vec<Anomaly> {
         let is_known = |of: &Anomaly| {
             in_order.iter().any(|known| {
-                (known.joint, known.quantity) == (of.joint, of.quantity)
-                    && (!known.ended || known.first_run_id == of.first_run_id)
+                let is_same = (known.joint, known.quantity, known.first_run_id)
+                    == (of.joint, of.quantity, of.first_run_id);
+                // the arm is every joint
+                let is_there = known.joint.is_none() || of.joint.is_none() || known.joint == of.joint;
+                is_same || (is_there && known.severity > Severity::Info && !known.ended)
             })
         };
         let is_shown = |of: &Anomaly| {

@@ -46,13 +46,14 @@ async fn arrival(store: &Database, run: i64, second: i64) {
         .await;
 }
 
-/// The tests; the first `runs` of them have arrived.
+/// The tests as far as the first so many have arrived. The others wait in quarantine, where they keep their figures.
 async fn arrived(store: &Database, runs: i64) {
-    let still_away = format!(
-        "UPDATE run SET status = CASE WHEN run_id <= {runs} THEN 'complete' ELSE 'streaming' END
-         WHERE set_aside IS NULL AND status <> CASE WHEN run_id <= {runs} THEN 'complete' ELSE 'streaming' END"
+    let waits = format!(
+        "UPDATE run SET status = CASE WHEN run_id <= {runs} THEN 'complete' ELSE 'quarantined' END,
+                        reason = CASE WHEN run_id > {runs} THEN 'has not arrived' END
+         WHERE set_aside IS NULL AND status <> CASE WHEN run_id <= {runs} THEN 'complete' ELSE 'quarantined' END"
     );
-    change(store, &still_away).await;
+    change(store, &waits).await;
     change(store, "UPDATE robot SET history = history + 1").await;
 }
 

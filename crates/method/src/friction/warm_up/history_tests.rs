@@ -304,7 +304,6 @@ fn a_fast_part_in_one_point_is_told_if_chance_does_not_explain_it() {
             bounded += u32::from(shown.longest >= fast_min);
         }
         let told = format!("{fast} {fast_min}: {doubles} of {seeds}, {inside} inside, {bounded} bounded");
-        println!("{told}");
         assert!(doubles >= 95, "{told}");
         assert!([inside, bounded].iter().all(|held| f64::from(*held) > 0.88 * f64::from(doubles)), "{told}");
     }
