@@ -11,17 +11,17 @@ use crate::support::{Workshop, pass, peak_kb, text};
 const ADDRESSES_KB: u64 = 1 << 20;
 
 /// Most memory that it may have at any moment, kB.
-const MOST_KB: u64 = 300_000;
+pub const MOST_KB: u64 = 300_000;
 
 /// What a run under the limit came to.
-struct Confined {
-    code: Option<i32>,
-    peak_kb: u64,
-    said: String,
+pub struct Confined {
+    pub code: Option<i32>,
+    pub peak_kb: u64,
+    pub said: String,
 }
 
 /// Runs the program with so little address space that it is killed when it takes gigabytes.
-fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
+pub fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
     let limit = format!("ulimit -v {ADDRESSES_KB}; exec \"$0\" \"$@\"");
     let said = workshop.path("said.txt");
     let mut child = Command::new("sh")
