@@ -78,6 +78,16 @@ pub fn canonical_dump(database: &Path) -> String {
     })
 }
 
+/// As [`dump`], comparable between exports of one recording in files of several kinds: without the columns that describe the
+/// file.
+pub fn dump_of_recording(database: &Path) -> String {
+    const OF_THE_FILE: [&str; 3] = ["source_name", "source_path", "content_hash"];
+    rows(database, |view, column| {
+        let is_left_out = lists(&OF_THE_MACHINE, view, column) || OF_THE_FILE.contains(&column);
+        (!is_left_out).then(|| format!("quote(seen.\"{column}\")"))
+    })
+}
+
 /// A dump without the rows of a view.
 pub fn without(dump: &str, view: &str) -> String {
     let heading = format!("# {view}\n");

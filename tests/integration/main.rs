@@ -42,6 +42,7 @@ mod hostile_text;
 mod fuzz_seeds;
 mod layouts;
 mod maker_files;
+mod binary_files;
 mod maintenance;
 #[cfg(target_os = "linux")]
 mod memory;

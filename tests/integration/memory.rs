@@ -10,18 +10,18 @@ use crate::support::{Workshop, pass, peak_kb, text};
 /// Limit of the program's address space, kB.
 const ADDRESSES_KB: u64 = 1 << 20;
 
-/// Limit of the program's peak memory, kB.
-const MOST_KB: u64 = 300_000;
+/// Most memory that it may have at any moment, kB.
+pub const MOST_KB: u64 = 300_000;
 
-/// Result of a run under the limit.
-struct Confined {
-    code: Option<i32>,
-    peak_kb: u64,
-    said: String,
+/// What a run under the limit came to.
+pub struct Confined {
+    pub code: Option<i32>,
+    pub peak_kb: u64,
+    pub said: String,
 }
 
-/// Runs the program with so little address space that it is killed before it allocates gigabytes.
-fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
+/// Runs the program with so little address space that it is killed when it takes gigabytes.
+pub fn confined(workshop: &Workshop, arguments: &[&str]) -> Confined {
     let limit = format!("ulimit -v {ADDRESSES_KB}; exec \"$0\" \"$@\"");
     let said = workshop.path("said.txt");
     let mut child = Command::new("sh")

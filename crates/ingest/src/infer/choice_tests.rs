@@ -239,6 +239,41 @@ fn every_second_candidate_is_a_question_that_names_both() {
 }
 
 #[test]
+fn encoders_of_motors_and_links_are_compared() {
+    let [link, velocity, torque] = plain();
+    let motor = joints(|j| format!("motor_pos_{j}"), |j| Scaled(0, j, -100.0));
+    let found = proposed(&[time(), motor, link, velocity, torque], Hints::default());
+    let said = words_of(&found.toml);
+    let compared = "the second set is [-100.0000, -100.0000, -100.0000] times the first, and differs from that by at most";
+    assert!(found.questions == 1 && said.contains(compared), "{}", found.toml);
+    assert_eq!(first_of(&answered(&found).position.columns), "pos_1", "{}", found.toml);
+}
+
+#[test]
+fn joints_without_a_quantity_are_positions_with_a_question() {
+    let [_, velocity, torque] = plain();
+    let found = proposed(
+        &[time(), joints(|j| format!("J{j}"), |j| Motion(0, j)), velocity, torque],
+        Hints::default(),
+    );
+    assert!(
+        found.questions == 1 && words_of(&found.toml).contains("Are these the positions?"),
+        "{}",
+        found.toml
+    );
+    assert_eq!(first_of(&answered(&found).position.columns), "J1", "{}", found.toml);
+    let found = proposed(
+        &[
+            time(),
+            joints(|j| format!("j{j}"), |j| Motion(0, j)),
+            joints(|j| format!("x{j}"), |j| Motion(3, j)),
+        ],
+        Hints::default(),
+    );
+    assert!(found.joints == N && found.toml.contains("column = \"j{joint}\""), "{}", found.toml);
+}
+
+#[test]
 fn each_of_several_arms_gets_a_layout_without_a_question() {
     let arm = |words: &'static str| {
         [("q", 0), ("qd", 1), ("tau", 3)]

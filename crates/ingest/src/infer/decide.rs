@@ -4,7 +4,7 @@ use super::arms::{Arm, is_of};
 use super::blocks::by_motion;
 use super::head::Head;
 use super::joints::{Joints, by_name, time};
-use super::makers::{Maker, recognise, recorder};
+use super::makers::{Maker, Recorder, recognise, recorder};
 use super::motion_sections::{
     is_other_quantity, position_section, time_section, torque_section, velocity_section,
 };
@@ -36,11 +36,13 @@ pub(super) fn propose(head: &Head, hints: Hints<'_>, arm: Option<&Arm>) -> Decid
         return decided;
     }
     let maker = recognise(head);
-    if let Some(decided) = maker.as_ref().and_then(|maker| of_columns(head, hints, Some(maker), arm)) {
+    if let Some(decided) = maker.as_ref().and_then(|maker| of_columns(head, hints, Origin::Maker(maker), arm))
+    {
         return decided;
     }
-    let mut decided = of_columns(head, hints, None, arm).unwrap_or_default();
-    decided.shipped = recorder(head);
+    let recorder = recorder(head);
+    let origin = recorder.as_ref().map_or(Origin::Unknown, Origin::Recorder);
+    let mut decided = of_columns(head, hints, origin, arm).unwrap_or_default();
     if let Some(maker) = maker {
         let said = format!(
             "The columns have the names of the shipped layout {}, and the numbers are not in its units ({}).",
@@ -64,14 +66,25 @@ fn of_topic_echo(head: &Head, hints: Hints<'_>, echo: &TopicEcho<'_>) -> Option<
     let mut sections = echo.sections();
     sections.push(position_section(joints, &units));
     sections.extend(velocity_section(joints, &units, &slopes));
-    sections.push(torque_section(joints, &units, hints, false));
+    sections.push(torque_section(joints, &units, hints, Origin::Unknown));
     let signals = signals(head, joints, |at| at < echo.columns || joints.has(at));
     sections.push(stage_section(head, joints, &signals));
     Some(Decided { sections, joints: joints.count, shipped: Some(topic_echo::LAYOUT) })
 }
 
-/// The sections for columns of a maker or of an unknown recorder; `None` if the numbers contradict the maker's units.
-fn of_columns(head: &Head, hints: Hints<'_>, maker: Option<&Maker>, arm: Option<&Arm>) -> Option<Decided> {
+/// The origin of an export with names of columns.
+#[derive(Clone, Copy)]
+pub(super) enum Origin<'a> {
+    /// Columns and units are those of a shipped layout.
+    Maker(&'a Maker),
+    /// The maker is known, and units are not.
+    Recorder(&'a Recorder),
+    Unknown,
+}
+
+/// The sections for columns of a maker or of another recorder; `None` if the numbers contradict the maker's units.
+fn of_columns(head: &Head, hints: Hints<'_>, origin: Origin<'_>, arm: Option<&Arm>) -> Option<Decided> {
+    let maker = if let Origin::Maker(maker) = origin { Some(maker) } else { None };
     let mut sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
     if let Some(maker) = maker {
         sets = maker.sets(sets);
@@ -95,7 +108,7 @@ fn of_columns(head: &Head, hints: Hints<'_>, maker: Option<&Maker>, arm: Option<
     let mut sections = vec![time_section(head, &time, &units, slopes.overall, hints)];
     sections.push(position_section(&joints, &units));
     sections.extend(velocity_section(&joints, &units, &slopes));
-    sections.push(torque_section(&joints, &units, hints, maker.is_some()));
+    sections.push(torque_section(&joints, &units, hints, origin));
     let mut used: Vec<usize> = time.columns().collect();
     used.extend((0..head.columns.len()).filter(|at| joints.has(*at)));
     let temperatures = temperatures(head, &sets, joints.count, |at| used.contains(&at));
@@ -106,7 +119,18 @@ fn of_columns(head: &Head, hints: Hints<'_>, maker: Option<&Maker>, arm: Option<
     sections.extend(optional_section(head, &signals));
     used.extend(signals.columns());
     sections.push(rest_section(head, &joints, &used));
-    Some(Decided { sections, joints: joints.count, shipped: maker.map(|maker| maker.name) })
+    let shipped = match origin {
+        Origin::Maker(maker) => Some(maker.name),
+        Origin::Recorder(recorder) => {
+            sections.insert(
+                0,
+                Section { title: None, comments: vec![recorder.evidence.clone()], keys: Vec::new() },
+            );
+            Some(recorder.layout)
+        }
+        Origin::Unknown => None,
+    };
+    Some(Decided { sections, joints: joints.count, shipped })
 }
 
 fn rest_section(head: &Head, joints: &Joints<'_>, used: &[usize]) -> Section {

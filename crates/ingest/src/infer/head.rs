@@ -69,6 +69,8 @@ pub(super) struct Head {
     pub(super) skip_lines: usize,
     /// Lines between header and rows.
     pub(super) skip_after_header: usize,
+    /// Name of the file, and the last lines above the names of the columns.
+    pub(super) title: String,
     /// The columns in their order.
     pub(super) columns: Vec<HeadColumn>,
     pub(super) rows: usize,
@@ -188,7 +190,9 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
     }
     let sample: Vec<&str> = lines().take(FORMAT_LINES).collect();
     let format = format(&sample).ok_or_else(no_table)?;
-    assembled(lines(), format, text_reader.found()).ok_or_else(no_table)
+    let mut head = assembled(lines(), format, text_reader.found()).ok_or_else(no_table)?;
+    head.title.insert_str(0, &path.file_name().unwrap_or_default().to_string_lossy());
+    Ok(head)
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -418,7 +422,9 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: HeadFormat, encod
     let is_counted = above.is_dropped_counted || above.records.range(..first).any(Record::is_counted);
     let is_skipped = is_counted || (by_number.is_some() && !above.records.is_empty());
     let below = if first < above.records.len() { first + 1 } else { first };
+    let title = above.records.range(..first).map(|record| format!("\n{}", record.text)).collect();
     Some(Head {
+        title,
         encoding,
         delimiter: format.delimiter,
         decimal: format.decimal,

@@ -65,20 +65,18 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -
             .max_by_key(|set| (set.said.intent.is_none(), set.order != Order::Place, set.columns.len()));
         best.map(|set| set.columns.len())
     };
-    let count = robot.map_or_else(|| kinds.into_iter().find_map(usual).unwrap_or(0), Robot::joint_count);
+    let alone: Vec<&Set> = sets.iter().filter(numeric).filter(|set| names_joints_alone(set)).collect();
+    let all_alone = || alone.iter().map(|set| set.columns.len()).max();
+    let by_columns = || kinds.into_iter().find_map(usual).or_else(all_alone).unwrap_or(0);
+    let count = robot.map_or_else(by_columns, Robot::joint_count);
     let candidates = |kinds: &[Kind]| -> Vec<Candidate<'_, 'h>> {
         let all = kinds.iter().flat_map(|kind| of(*kind));
-        let fitting = all.filter(|set| set.columns.len() >= count.max(1));
-        fitting
-            .map(|set| {
-                let values: Vec<&[f64]> =
-                    set.columns[..count].iter().filter_map(|at| values(&head.columns[*at])).collect();
-                let still = values.iter().filter(|values| is_still(values)).count();
-                Candidate { set, said: set.said, values, still, follows: false }
-            })
-            .collect()
+        all.filter_map(|set| candidate(head, set, count)).collect()
     };
     let mut positions = candidates(&[Kind::Position]);
+    if positions.is_empty() {
+        positions.extend(alone.into_iter().filter_map(|set| candidate(head, set, count)));
+    }
     let mut velocities = candidates(&[Kind::Velocity]);
     let mut torques = candidates(&[Kind::Torque, Kind::Current]);
     for position in &mut positions {
@@ -109,7 +107,21 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -
     Joints { position, velocity, torque, count, others }
 }
 
-/// The most likely candidate, with a question if another is possible or none was measured.
+fn candidate<'s, 'h>(head: &'h Head, set: &'s Set, count: usize) -> Option<Candidate<'s, 'h>> {
+    let columns = set.columns.get(..count.max(1))?;
+    let values: Vec<&[f64]> = columns.iter().map(|at| values(&head.columns[*at])).collect::<Option<_>>()?;
+    let still = values.iter().filter(|values| is_still(values)).count();
+    Some(Candidate { set, said: set.said, values, still, follows: false })
+}
+
+/// Returns true for names that say only which joint, such as `J1` to `J6`: controllers call the joints' positions so.
+fn names_joints_alone(set: &Set) -> bool {
+    let name = set.template.replace("{joint}", "");
+    set.order == Order::Number
+        && ["j", "a", "joint", "axis", "achse"].contains(&name.trim().to_lowercase().as_str())
+}
+
+/// The most likely candidate, with a question where another may be meant or none was measured.
 fn chosen<'h>(
     head: &'h Head,
     count: usize,
@@ -140,7 +152,8 @@ fn chosen<'h>(
     let rivals = others
         .iter()
         .filter(|of| best.said.intent.is_some() || of.said.intent.is_none() || best.still > of.still);
-    let shown: Vec<String> = rivals.map(|of| of.set.shown(head)).collect();
+    let rivals: Vec<&Candidate<'_, '_>> = rivals.collect();
+    let shown: Vec<String> = rivals.iter().map(|of| of.set.shown(head)).collect();
     if !shown.is_empty() {
         let still = match others.iter().map(|of| of.still).max() {
             Some(most) if most > best.still => ", the set in which more columns move",
@@ -153,11 +166,17 @@ fn chosen<'h>(
             best.set.shown(head),
             shown.join(", ")
         ));
+        if let Some(rival) = rivals.first().filter(|_| what == "positions") {
+            doubts.push(compared(&best.values, &rival.values));
+        }
     } else if best.still > 0 && best.still < best.values.len() && what == "positions" {
         doubts.push(format!(
             "{} of these columns hold one value throughout. Are they the arm's positions?",
             best.still
         ));
+    }
+    if what == "positions" && best.said.kind != Some(Kind::Position) {
+        doubts.push("the names say which joint, and not which quantity. Are these the positions?".into());
     }
     if best.set.order == Order::Place {
         doubts.push(ORDER_QUESTION.into());
@@ -176,6 +195,28 @@ fn chosen<'h>(
         why: named(best.set, &best.said),
         question: (!doubts.is_empty()).then(|| doubts.join(". ").replace("?. ", "? ")),
     })
+}
+
+/// How well a second set of positions agrees with the first, as encoders of motors and links should.
+fn compared(first: &[&[f64]], second: &[&[f64]]) -> String {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    // the line through both, and the largest distance from it
+    let line = |(first, second): (&&[f64], &&[f64])| {
+        let (middle, other) = (mean(first), mean(second));
+        let squares: f64 = first.iter().map(|value| (value - middle).powi(2)).sum();
+        let products: f64 = first.iter().zip(*second).map(|(a, b)| (a - middle) * (b - other)).sum();
+        let factor = products / squares;
+        let distance = |(a, b): (&f64, &f64)| (b - other - factor * (a - middle)).abs();
+        (factor, first.iter().zip(*second).map(distance).fold(0.0, f64::max))
+    };
+    let moving = first.iter().zip(second).filter(|(first, second)| !is_still(first) && !is_still(second));
+    let (factors, distances): (Vec<f64>, Vec<f64>) = moving.map(line).unzip();
+    let factors: Vec<String> = factors.iter().map(|factor| format!("{factor:.4}")).collect();
+    let most = distances.iter().copied().fold(0.0, f64::max);
+    format!(
+        "In the joints that move in both, the second set is [{}] times the first, and differs from that by at most {most:.1e}",
+        factors.join(", ")
+    )
 }
 
 /// Quantity of columns that are the derivative of the velocities, whatever their name.

@@ -63,16 +63,85 @@ fn exports_of_makers_are_recognised_with_their_units() {
         (
             "codesys_trace.csv",
             "codesys_trace",
-            0,
+            1,
             "PLC_PRG.Axis1.fActTorque",
             units(Some("ms"), "deg", Some("deg/s"), "Nm"),
         ),
     ] {
-        let found = proposed(name, Hints::default());
-        assert_eq!((found.shipped, found.questions), (Some(shipped), questions), "{name}\n{}", found.toml);
-        assert_eq!(torque(&found, 1), first_torque, "{name}");
-        assert_eq!(layout_units(&answered(&found)), expected, "{name}\n{}", found.toml);
-        assert!(found.toml.contains(&format!("the shipped layout {shipped} ")), "{}", found.toml);
+        assert_recognised(&proposed(name, Hints::default()), shipped, questions, first_torque, expected);
+    }
+}
+
+/// The columns are those of the names, and what the names do not say is a question.
+#[test]
+fn exports_of_recorders_are_recognised_by_a_line_or_by_variables_and_their_units_asked() {
+    let units = |time, position, velocity, torque| LayoutUnits { time, position, velocity, torque };
+    for (name, shipped, questions, first_torque, expected) in [
+        (
+            "br_trace.csv",
+            "br_trace",
+            1,
+            "MpAxisBasic_01.Info.CyclicRead.Torque.Value",
+            units(Some("s"), "deg", Some("deg/s"), "Nm"),
+        ),
+        (
+            "abb_tunemaster.csv",
+            "abb_tunemaster",
+            1,
+            "ROB_1 axis 1 torque",
+            units(Some("s"), "deg", Some("deg/s"), "Nm"),
+        ),
+        // the disturbance torque is calculated
+        (
+            "fanuc_axis_log.csv",
+            "fanuc_axis_log",
+            2,
+            "$MOR_GRP[1].$CUR_DIS_TRQ[1]",
+            units(Some("ms"), "rad", None, "Nm"),
+        ),
+        ("denso_control_log.csv", "denso_control_log", 1, "J1 Current", units(Some("ms"), "deg", None, "A")),
+        (
+            "staubli_recorder.csv",
+            "staubli_recorder",
+            1,
+            "jntTorque_1",
+            units(Some("s"), "deg", Some("deg/s"), "Nm"),
+        ),
+    ] {
+        // the name of the file is no evidence here
+        assert_recognised(&of_text(&text_of(name)), shipped, questions, first_torque, expected);
+    }
+}
+
+fn assert_recognised(
+    found: &Proposed,
+    shipped: &'static str,
+    questions: usize,
+    first_torque: &str,
+    expected: LayoutUnits,
+) {
+    assert_eq!((found.shipped, found.questions), (Some(shipped), questions), "{}", found.toml);
+    assert_eq!(torque(found, 1), first_torque, "{}", found.toml);
+    assert_eq!(layout_units(&answered(found)), expected, "{}", found.toml);
+    assert!(found.toml.contains(&format!("the shipped layout {shipped} ")), "{}", found.toml);
+}
+
+#[test]
+fn a_recorder_is_named_by_one_word_and_not_by_two() {
+    let text = text_of("denso_control_log.csv");
+    let without_title = text.split_once('\n').expect("a title").1;
+    let of_file = |name: &str| {
+        infer(without_title.as_bytes(), Path::new(name), "a", Hints::default()).expect("a table")
+    };
+    for (name, shipped) in [
+        ("a.csv", None),
+        ("FANUC_R01.csv", Some("fanuc_axis_log")),
+        ("abb-and-denso.csv", None),
+        ("abbreviated.csv", None),
+    ] {
+        let found = of_file(name);
+        assert_eq!(found.shipped, shipped, "{name}\n{}", found.toml);
+        assert_eq!(torque(&found, 1), "J1 Current", "{name}");
     }
 }
 
@@ -224,7 +293,7 @@ fn another_order_of_columns_is_the_layout_and_a_missing_channel_is_not() {
 fn set_values_and_following_errors_are_no_second_candidates() {
     let text = text_of("codesys_trace.csv").replace("fActVelocity", "fSetPosition");
     let found = of_text(&text);
-    assert_eq!(found.questions, 0, "{}", found.toml);
+    assert_eq!(found.questions, 1, "{}", found.toml);
     assert_eq!(
         answered(&found).position.columns.of_joint(1).map(|of| of.to_string()).as_deref(),
         Some("PLC_PRG.Axis1.fActPosition")

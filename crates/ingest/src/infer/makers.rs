@@ -30,15 +30,47 @@ pub(super) struct Maker {
     units: LayoutUnits,
 }
 
-/// The shipped layout of a recorder with the file's form, whose columns the user's program names.
-pub(super) fn recorder(head: &Head) -> Option<&'static str> {
-    let first = head.columns.first()?.name.as_str();
-    match first {
+/// Recorders whose form is not published: the shipped layout, words for the maker in the name of a file or above its columns, and
+/// variables of the controller in the names of the columns.
+const RECORDERS: [(&str, &[&str], &[&str]); 5] = [
+    ("br_trace", &["b r automation", "b r trace", "automation studio", "acopos"], &["MpAxis", "gAxis01"]),
+    ("staubli_recorder", &["stäubli", "staubli"], &[]),
+    ("denso_control_log", &["denso", "wincaps"], &[]),
+    ("abb_tunemaster", &["abb", "tune master", "tunemaster", "test signal viewer"], &["ROB_1"]),
+    ("fanuc_axis_log", &["fanuc"], &["$MOR_GRP", "$SCR_GRP"]),
+];
+
+/// The shipped layout of a recorder whose columns the user's program names, with the evidence for it.
+pub(super) struct Recorder {
+    pub(super) layout: &'static str,
+    /// A sentence.
+    pub(super) evidence: String,
+}
+
+/// The recorder whose form the file has, or which it names; `None` if it names several.
+pub(super) fn recorder(head: &Head) -> Option<Recorder> {
+    let form = match head.columns.first()?.name.as_str() {
         SCOPE_TIME => Some("twincat_scope"),
         // two lines of the project are above the names
         "Cycle" if head.delimiter == BLANKS && head.skip_lines == 2 => Some("codesys_trace"),
         _ => None,
+    };
+    if let Some(layout) = form {
+        return Some(Recorder { layout, evidence: "The file has its form.".into() });
     }
+    let title = format!(" {} ", names::tokens(&head.title).join(" "));
+    let named = RECORDERS.iter().filter_map(|&(layout, words, variables)| {
+        let word = words.iter().find(|words| title.contains(&format!(" {words} ")));
+        let variable =
+            || variables.iter().find(|of| head.columns.iter().any(|column| column.name.contains(**of)));
+        let evidence = match word {
+            Some(word) => format!("The name of the file, or a line above its columns, says \"{word}\"."),
+            None => format!("The names of its columns say \"{}\".", variable()?),
+        };
+        Some(Recorder { layout, evidence })
+    });
+    let mut named: Vec<Recorder> = named.collect();
+    named.pop().filter(|_| named.is_empty())
 }
 
 /// The shipped layout whose columns the file has.

@@ -1,5 +1,6 @@
 //! The sections of a layout on time, positions, velocities and torques, with reasons.
 
+use super::decide::Origin;
 use super::head::Head;
 use super::joints::{Found, Joints, Time};
 use super::motion_units::{Slopes, Units};
@@ -304,15 +305,23 @@ pub(super) fn is_other_quantity(joints: &Joints<'_>, units: &Units, hints: Hints
     }
 }
 
-/// The section on torques; `of_maker` if a shipped layout gives their unit.
+/// The section on torques.
 pub(super) fn torque_section(
     joints: &Joints<'_>,
     units: &Units,
     hints: Hints<'_>,
-    of_maker: bool,
+    origin: Origin<'_>,
 ) -> Section {
     let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
-    let unit = torque_unit(found, size_of(found, joints, units, hints), hints);
+    let size = size_of(found, joints, units, hints);
+    let mut unit = torque_unit(found, size, hints);
+    if matches!(origin, Origin::Recorder(_)) && found.said.unit.is_none() && size.is_none() {
+        unit.question.get_or_insert_with(|| {
+            "the name gives no unit, and drives of this maker may record percent or permille of the rated torque or current. \
+             Which unit is it?"
+                .into()
+        });
+    }
     let needs_gain = !unit.value.contains('N');
     let mut keys = vec![
         TomlKey::decided(found.key.0, found.key.1.clone())
@@ -325,7 +334,7 @@ pub(super) fn torque_section(
             .reasons
             .push("the description of the robot must convert it to torque: docs/exports.md".into());
     }
-    if of_maker && found.said.kind == Some(Kind::Current) && !has_gains(hints) {
+    if matches!(origin, Origin::Maker(_)) && found.said.kind == Some(Kind::Current) && !has_gains(hints) {
         keys[1].question = Some(
             "currents become torques by drive_gain_nm_a of each joint of the description, and the \
             manufacturer publishes none. Does the description have them? `armwatch robot drive-gains` \

@@ -1,6 +1,6 @@
 //! Analyses the name of a column: joint, quantity, unit, and hints that it was measured or not.
 
-use super::words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, TEMPERATURES, UNITS};
+use super::words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, PRESENT, TEMPERATURES, UNITS};
 
 /// Quantity of a column, or of the columns of all joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +50,11 @@ pub(super) fn said(name: &str, under: &str) -> Said {
         true => Some(Kind::Temperature),
         false => KINDS.iter().find(|(_, list)| has(list).is_some()).map(|(kind, _)| *kind),
     };
+    // the current position is no current
+    let by_words = match by_words {
+        Some(Kind::Current) => at_present(&words).or(by_words),
+        _ => by_words,
+    };
     let kind = match (by_words, unit) {
         // A word for the joint alone is weaker evidence than a unit.
         (None | Some(Kind::FrictionJoint | Kind::Position), Some(unit)) => kind_of_unit(unit).or(by_words),
@@ -70,7 +75,18 @@ pub(super) fn said(name: &str, under: &str) -> Said {
     }
 }
 
-/// Quantity of a unit; `None` for units of several quantities.
+/// The quantity that a name gives if its word for a current means the present value.
+fn at_present(words: &[String]) -> Option<Kind> {
+    let is_current = |word: &String| listed(PRESENT, word).is_some();
+    let others = words.iter().filter(|word| !is_current(word) && listed(MEASURED, word).is_none());
+    // `cur_q` is a current across the field
+    let long: Vec<&String> = others.filter(|word| word.chars().count() > 2).collect();
+    let lists = || KINDS.iter().filter(|(kind, _)| matches!(kind, Kind::Velocity | Kind::Position));
+    let kind = |word: &&String| lists().find(|(_, list)| listed(list, word).is_some()).map(|(kind, _)| *kind);
+    words.iter().any(is_current).then(|| long.iter().find_map(kind)).flatten()
+}
+
+/// What a unit is one of; `None` for those of several quantities.
 fn kind_of_unit(unit: &str) -> Option<Kind> {
     match unit {
         "rad" | "deg" | "rev" => Some(Kind::Position),
@@ -240,12 +256,13 @@ fn templates(name: &str) -> Vec<(String, usize)> {
     let mut at = 0;
     while at < bytes.len() {
         let digits = bytes[at..].iter().take_while(|byte| byte.is_ascii_digit()).count();
-        // Joints have one digit or two, without zeros before them.
-        if (1..=2).contains(&digits)
-            && !(digits == 2 && bytes[at] == b'0')
-            && let Ok(number) = name[at..at + digits].parse()
+        // Joints have one digit or two. Zeros before them, as in `Axis01`, stay in the name.
+        let zeros =
+            bytes[at..].iter().take(digits.saturating_sub(1)).take_while(|byte| **byte == b'0').count();
+        if (1..=2).contains(&(digits - zeros))
+            && let Ok(number) = name[at + zeros..at + digits].parse()
         {
-            found.push((format!("{}{{joint}}{}", &name[..at], &name[at + digits..]), number));
+            found.push((format!("{}{{joint}}{}", &name[..at + zeros], &name[at + digits..]), number));
         }
         at += digits.max(1);
     }
@@ -281,6 +298,13 @@ mod tests {
             ("关节{joint}力矩[Nm]", Kind::Torque, Some("Nm")),
             ("轴{joint}速度", Kind::Velocity, None),
             ("axis {joint} [deg]", Kind::Position, Some("deg")),
+            ("J{joint} current position", Kind::Position, None),
+            ("current_speed_{joint}", Kind::Velocity, None),
+            ("position courante {joint}", Kind::Position, None),
+            ("$SCR_GRP[1].$CUR_ANG[{joint}]", Kind::Position, None),
+            ("J{joint} motor current", Kind::Current, None),
+            ("cur_q_{joint}", Kind::Current, None),
+            ("actual current {joint}", Kind::Current, None),
             ("mtrq_{joint}", Kind::Torque, None),
             ("JointPos{joint}", Kind::Position, None),
             ("Zeit [ms]", Kind::Time, Some("ms")),
@@ -387,6 +411,14 @@ mod tests {
         let found: Vec<_> =
             groups(&names).into_iter().map(|g| (g.template, g.first, g.columns.len())).collect();
         let expected = [("q{joint}", 1, 3), ("A{joint}_Strom", 1, 3), ("tcp_{joint}", 0, 2)];
+        assert_eq!(found, expected.map(|(template, first, n)| (template.to_owned(), first, n)));
+    }
+
+    #[test]
+    fn zeros_before_a_number_belong_to_the_name() {
+        let found = groups(&["gAxis01.pos", "gAxis02.pos", "gAxis03.pos", "J001", "J002"]);
+        let found: Vec<_> = found.into_iter().map(|g| (g.template, g.first, g.columns.len())).collect();
+        let expected = [("gAxis0{joint}.pos", 1, 3), ("J00{joint}", 1, 2)];
         assert_eq!(found, expected.map(|(template, first, n)| (template.to_owned(), first, n)));
     }
 

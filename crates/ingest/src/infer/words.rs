@@ -22,7 +22,7 @@ pub(super) const KINDS: &[(Kind, &str)] = &[
     ),
     (
         Kind::Current,
-        "current strom cur curr courant corrente corriente amps iq 电流 currents amperage intensité corrientes",
+        "current strom cur curr courant corrente corriente amps iq isq 电流 currents amperage intensité corrientes",
     ),
     (
         Kind::Velocity,
@@ -35,7 +35,7 @@ pub(super) const KINDS: &[(Kind, &str)] = &[
     (
         Kind::Position,
         "pos position posn q angle winkel angolo ángulo angulo posizione posición posicion lage lageist theta \
-        mpos istwert ist 位置 角度 关节角 positions angles jointpos",
+        mpos istwert ist ang encoder 位置 角度 关节角 positions angles jointpos",
     ),
     (
         Kind::Time,
@@ -51,7 +51,7 @@ pub(super) const INTENT: &str = "soll sollwert set target cmd command commanded 
     consigne des 目标 指令 error err fehler abweichung schleppfehler schleppabstand lag setp sp goal demand demanded requested wanted planned \
     plan plans trajectory traj interpolated predicted prediction pred expected ideal theoretical model \
     modelled modeled computed comp calculated calc calculation estimated estimate estimates est hat \
-    observer observed simulated sim feedforward ff forward precontrol gravity grav coriolis centrifugal \
+    observer observed simulated dis sim feedforward ff forward precontrol gravity grav coriolis centrifugal \
     inertia inertial friction fric external ext disturbance collision contact residual resid residue max \
     maximum maximal min minimum minimal limit limits lim threshold tolerance nominal nom rated peak \
     offset bias inverse dynamics vorgabe führung ziel führungsgröße modell modelle berechnet berechnete \
@@ -66,6 +66,9 @@ pub(super) const INTENT: &str = "soll sollwert set target cmd command commanded 
     estimé estimée gravité frottement perturbation prédit prévu résidu consigna objetivo deseado deseada \
     referencia modelo calculado calculada estimado estimada gravedad fricción friccion externo máximo \
     mínimo límite nominales perturbación 期望 设定 给定 参考 估计 计算 模型 前馈 重力 摩擦 外部 外力 限制 最大 最小 额定 误差 预测 扰动";
+
+/// Words for a current that also say that a value is the present one.
+pub(super) const PRESENT: &str = "current cur curr courant corrente corriente";
 
 /// Words for a measured value.
 pub(super) const MEASURED: &str = "actual act measured meas measurement measure fb fbk feedback ist istwert istwerte gemessen gemessene \

@@ -38,7 +38,7 @@ fn file(name: &str, path: &Path, head: &Head, sections: &[Section], shipped: Opt
     let file = text::of_file_name(path);
     comment(&mut text, &format!("Layout proposed from the first {} rows of {file}.", head.rows));
     if let Some(shipped) = shipped {
-        let said = format!("It has the form of the shipped layout {shipped} (exports/{shipped}.toml).");
+        let said = format!("It is an export of the shipped layout {shipped} (exports/{shipped}.toml).");
         comment(&mut text, &said);
     }
     comment(
