@@ -176,7 +176,7 @@ fn frictions(
 impl Event {
     /// What it adds to the logarithm of a joint's friction in a whole run, of `last` runs.
     fn level(&self, arm: &LabArm<'_>, joint: usize, run: usize, last: usize) -> f64 {
-        if run < self.onset {
+        if run < self.onset && self.scenario != Scenario::ToolPlan {
             return 0.0;
         }
         match self.scenario {
@@ -190,8 +190,11 @@ impl Event {
             Scenario::Repair if joint == self.joint => self.size.ln(),
             // torque that reads more has more friction in it
             Scenario::TorqueGain if joint == self.joint => self.size.ln_1p(),
-            Scenario::Payload => {
-                FRICTION_OF_LOAD * self.size * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
+            Scenario::Payload | Scenario::ToolPlan => {
+                FRICTION_OF_LOAD
+                    * self.part(run)
+                    * self.size
+                    * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
             }
             _ => 0.0,
         }
@@ -361,7 +364,7 @@ fn summary(
         joints: (0..n).map(|j| joint_summary(arm, event, has, j, test, indices[j], draws)).collect(),
         cycle_friction,
         whole_cycle_rmsd: whole_cycles(arm, event, run, moment, test, draws.aside()),
-        parameters: parameters(arm, event, has, test, identified, draws),
+        parameters: parameters(arm, event, run, test, identified, draws),
         response: Some(Arc::clone(&identified.response)),
         epochs: test.epochs.clone(),
     }
@@ -455,13 +458,14 @@ fn joint_summary(
 fn parameters(
     arm: &LabArm<'_>,
     event: &Event,
-    has: bool,
+    run: usize,
     test: &TestFriction,
     identified: &Identified,
     draws: &mut Draws,
 ) -> Vec<RunParameter> {
     let cycles = test.minutes.len() as f64;
-    let covariance = identified.changed.as_ref().filter(|_| has).unwrap_or(&arm.covariance);
+    let part = event.part(run);
+    let covariance = identified.changed.as_ref().filter(|_| part > 0.0).unwrap_or(&arm.covariance);
     let b = arm.theta.len();
     let white = DVector::from_fn(b, |_, _| draws.noise(arm.tails));
     let noise_part = arm.joints.iter().map(|joint| joint.noise_part).sum::<f64>() / arm.joints.len() as f64;
@@ -471,9 +475,7 @@ fn parameters(
         None => DVector::zeros(b),
     };
     let mut theta = &arm.theta + scatter;
-    if has {
-        theta += &event.parameters;
-    }
+    theta += part * &event.parameters;
     let mut within = DVector::zeros(b);
     for (leak, of) in arm.leaks.iter().zip(&test.ln_ratio) {
         let mean = of.iter().sum::<f64>() / cycles;
