@@ -24,7 +24,7 @@ use rand_distr::StandardNormal;
 
 use self::arm::dynamics::rigid_chain;
 use self::arm::fault::in_run::RunFaults;
-use self::arm::fault::{Fault, Wear, loads, warm_up_factor, wear};
+use self::arm::fault::{Fault, Wear, loads, ripple, warm_up_factor, wear};
 use self::arm::friction::{JointFriction, RippleOrder, ThermalState, joint_friction};
 use self::arm::load::Load;
 use self::arm::unit::unit;
@@ -182,7 +182,7 @@ fn recording_of_unit(
     settings: &SimulationSettings,
     run_index: u32,
 ) -> Result<Recording, SimulateError> {
-    let plan = plan_cycle(robot, &plan_settings(settings))?;
+    let plan = plan_cycle(robot, &plan_settings(settings))?.at_speed(settings.speed);
     let started_at = start_of_run(settings, run_index)?;
     let run = run_index.saturating_add(1);
     let mut friction = Vec::new();
@@ -198,6 +198,7 @@ fn recording_of_unit(
         if let Some(orders) = &settings.ripples {
             gearbox = gearbox.with_ripples(orders, joint.gear_ratio);
         }
+        gearbox = gearbox.damaged(ripple(&settings.faults, index, run), joint.gear_ratio);
         gearbox.direction = settings.friction_direction;
         friction.push(gearbox.scaled(day_factor(settings, run_index, index)));
         torque_noise.push(nominal.torque_noise);

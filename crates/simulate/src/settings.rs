@@ -46,6 +46,8 @@ pub struct SimulationSettings {
     pub posture: FrictionPosture,
     /// Rest at the end of each cycle, s.
     pub rest_s: f64,
+    /// Override: speed of all motions as a part of the planned one, above 0 to 1. Warming and rest take longer accordingly.
+    pub speed: f64,
     /// How the arm follows its plan.
     pub servo: ServoSettings,
     /// Number of runs.
@@ -115,6 +117,7 @@ impl Default for SimulationSettings {
             excitation: ExcitationParts::default(),
             posture: FrictionPosture::Home,
             rest_s: 0.0,
+            speed: 1.0,
             servo: ServoSettings::default(),
             runs: 1,
             first_start: FIRST_START,
@@ -216,6 +219,9 @@ pub(super) fn check(robot: &Robot, settings: &SimulationSettings) -> Result<(), 
     {
         let hint = "choose a frequency above 0 Hz and an amplitude of 0 Nm (N) or more";
         return setting("torque_hum", format!("{hertz}, {amplitude}"), hint);
+    }
+    if !(settings.speed > 0.0 && settings.speed <= 1.0) {
+        return setting("speed", settings.speed.to_string(), "choose above 0 to 1");
     }
     if !(0.5..=1.0).contains(&settings.gear_efficiency) {
         let value = settings.gear_efficiency.to_string();

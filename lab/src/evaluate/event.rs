@@ -68,6 +68,11 @@ pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
         S::Backlash => draws.log_between(0.0003, 0.01),
         S::SaturatedTorque => draws.between(0.3, 0.95),
         S::LateTorque => draws.log_between(0.002, 0.05),
+        S::WideSeason => draws.between(12.0, 15.0),
+        S::ToolPlan => draws.between(0.5, 2.0),
+        S::Override => draws.between(0.5, 0.8),
+        S::DayScatter => draws.between(0.015, 0.02),
+        S::Ripple => draws.log_between(0.1, 0.3),
     }
 }
 
@@ -92,7 +97,8 @@ impl Event {
         match scenario {
             S::ShortTests => arm.program.cycles = draws.whole(3, 7),
             S::LongTests => arm.program.cycles = draws.whole(18, 24),
-            S::Season => arm.hall.season_k = size,
+            S::Season | S::WideSeason => arm.hall.season_k = size,
+            S::DayScatter => arm.joints.iter_mut().for_each(|joint| joint.walk = size),
             S::Weekend => arm.program.tests_a_week = draws.whole(3, 6),
             _ => {}
         }
@@ -121,7 +127,16 @@ impl Event {
         event
     }
 
-    /// Returns true if a cycle of a run has the event.
+    /// The part of its change of the parameters that a run has.
+    pub(super) fn part(&self, run: usize) -> f64 {
+        match self.scenario.kind() {
+            Some(_) if run >= self.onset => 1.0,
+            Some(_) => 0.0,
+            None => self.scenario.tool(run),
+        }
+    }
+
+    /// Whether a cycle of a run has it.
     pub(super) fn holds(&self, run: usize, cycle: usize) -> bool {
         run > self.onset || (run == self.onset && cycle >= self.cycle)
     }
@@ -135,7 +150,7 @@ impl Event {
         let weight = |j: usize| deviations[j].powi(-2);
         let j = self.joint;
         match self.scenario {
-            S::Payload => {
+            S::Payload | S::ToolPlan => {
                 let load = body(self.size.abs(), draws);
                 let mut phi = arm.phi.clone();
                 for (of, load) in phi[10 * (n - 1)..10 * n].iter_mut().zip(load.0) {

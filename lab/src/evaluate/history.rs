@@ -175,7 +175,7 @@ fn frictions(
 impl Event {
     /// Contribution of the event to the logarithm of a joint's friction in a whole run, of `last` runs.
     fn level(&self, arm: &LabArm<'_>, joint: usize, run: usize, last: usize) -> f64 {
-        if run < self.onset {
+        if run < self.onset && self.scenario != Scenario::ToolPlan {
             return 0.0;
         }
         match self.scenario {
@@ -189,8 +189,11 @@ impl Event {
             Scenario::Repair if joint == self.joint => self.size.ln(),
             // a larger gain of the torque increases its friction too
             Scenario::TorqueGain if joint == self.joint => self.size.ln_1p(),
-            Scenario::Payload => {
-                FRICTION_OF_LOAD * self.size * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
+            Scenario::Payload | Scenario::ToolPlan => {
+                FRICTION_OF_LOAD
+                    * self.part(run)
+                    * self.size
+                    * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
             }
             _ => 0.0,
         }
@@ -359,7 +362,7 @@ fn summary(
         joints: (0..n).map(|j| joint_summary(arm, event, has, j, test, indices[j], draws)).collect(),
         cycle_friction,
         whole_cycle_rmsd: whole_cycles(arm, event, run, moment, test, draws.aside()),
-        parameters: parameters(arm, event, has, test, identified, draws),
+        parameters: parameters(arm, event, run, test, identified, draws),
         response: Some(Arc::clone(&identified.response)),
         epochs: test.epochs.clone(),
     }
@@ -454,13 +457,14 @@ fn joint_summary(
 fn parameters(
     arm: &LabArm<'_>,
     event: &Event,
-    has: bool,
+    run: usize,
     test: &TestFriction,
     identified: &Identified,
     draws: &mut Draws,
 ) -> Vec<RunParameter> {
     let cycles = test.minutes.len() as f64;
-    let covariance = identified.changed.as_ref().filter(|_| has).unwrap_or(&arm.covariance);
+    let part = event.part(run);
+    let covariance = identified.changed.as_ref().filter(|_| part > 0.0).unwrap_or(&arm.covariance);
     let b = arm.theta.len();
     let white = DVector::from_fn(b, |_, _| draws.noise(arm.tails));
     let noise_part = arm.joints.iter().map(|joint| joint.noise_part).sum::<f64>() / arm.joints.len() as f64;
@@ -470,9 +474,7 @@ fn parameters(
         None => DVector::zeros(b),
     };
     let mut theta = &arm.theta + scatter;
-    if has {
-        theta += &event.parameters;
-    }
+    theta += part * &event.parameters;
     let mut within = DVector::zeros(b);
     for (leak, of) in arm.leaks.iter().zip(&test.ln_ratio) {
         let mean = of.iter().sum::<f64>() / cycles;

@@ -8,7 +8,9 @@ use super::scenario::Scenario;
 
 /// Streams of random numbers of these robots begin here, separate from those of [`super::fleet`].
 const FIRST_ROBOT: u64 = 1 << 48;
-/// Least number of last tests with the event.
+/// Streams of their tests begin here.
+const FIRST_RUN: u64 = 1 << 40;
+/// Last tests that show what happened, at least.
 const RUNS_AFTER: usize = 3;
 
 /// One robot, and its event.
@@ -44,6 +46,8 @@ pub struct RecordedRobot {
     pub units: Vec<JointUnit>,
 }
 
+/// Rates that are drawn, rows a second.
+const RATES_HZ: [f64; 3] = [20.0, 50.0, 100.0];
 /// Forms of friction that are drawn.
 pub const FRICTION_FORMS: usize = 3;
 
@@ -103,14 +107,30 @@ impl RecordedRobot {
             size: size.unwrap_or(drawn),
             seed: seed.wrapping_mul(1_000_003).wrapping_add(unit as u64),
             cycles,
-            sample_rate_hz: [20.0, 50.0, 100.0][draws.whole(0, 2)],
+            sample_rate_hz: RATES_HZ[draws.whole(0, 2)],
             warming_s: draws.between(5.0, 40.0).round(),
             hall_k: if scenario == Scenario::Hall { size.unwrap_or(drawn) } else { draws.between(0.3, 1.5) },
             clock_jitter: if draws.happens(0.3) { 0.1 } else { 0.0 },
             friction_form: draws.whole(0, FRICTION_FORMS - 1),
             units: (0..joints).map(|_| joint_unit(&mut draws)).collect(),
-            friction_day: draws.log_between(0.002, 0.02),
+            friction_day: match scenario {
+                Scenario::DayScatter => size.unwrap_or(drawn),
+                _ => draws.log_between(0.002, 0.02),
+            },
         }
+    }
+}
+
+impl RecordedRobot {
+    /// Speed of test `run`, from 0, as a fraction of the usual one, and its rate, Hz.
+    #[must_use]
+    pub fn speed_and_rate(&self, run: u32) -> (f64, f64) {
+        if self.scenario != Scenario::Override {
+            return (1.0, self.sample_rate_hz);
+        }
+        let mut draws = Draws::new(self.seed, FIRST_RUN + u64::from(run));
+        let speed = [1.0, 1.0, 1.0, self.size, 0.5 + 0.5 * self.size][draws.whole(0, 4)];
+        (speed, RATES_HZ[draws.whole(0, 2)])
     }
 }
 

@@ -65,6 +65,16 @@ pub enum Scenario {
     WearViscous,
     /// The constant and the linear part grow, the curvature does not.
     WearLinear,
+    /// Its hall follows the seasons from 5 to 35 °C.
+    WideSeason,
+    /// Tests carry no tool, a light one and a heavy one by turns, from the first test on.
+    ToolPlan,
+    /// Tests are driven at several speeds and recorded at several rates.
+    Override,
+    /// Friction of each joint differs from test to test by more than usual.
+    DayScatter,
+    /// A ripple of a joint's torque grows with every test.
+    Ripple,
 }
 
 /// The ways to simulate a scenario.
@@ -90,7 +100,7 @@ struct ScenarioRow {
 /// Unit text for wear of a part of friction.
 const PART_BY_TEST: &str = "rise of the part with every test, fraction";
 
-const ROWS: [ScenarioRow; 30] = {
+const ROWS: [ScenarioRow; 35] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -169,6 +179,17 @@ const ROWS: [ScenarioRow; 30] = {
         row(Scenario::WearCoulomb, "wear-coulomb", Some(Drift), PART_BY_TEST, Exports),
         row(Scenario::WearViscous, "wear-viscous", Some(Drift), PART_BY_TEST, Exports),
         row(Scenario::WearLinear, "wear-linear", Some(Drift), PART_BY_TEST, Exports),
+        row(Scenario::WideSeason, "wide-season", None, "amplitude, K", Both),
+        row(Scenario::ToolPlan, "tool-plan", None, "heaviest tool, kg", Both),
+        row(Scenario::Override, "override", None, "lowest speed, fraction of the usual", Exports),
+        row(Scenario::DayScatter, "day-scatter", None, "standard deviation, fraction of friction", Both),
+        row(
+            Scenario::Ripple,
+            "ripple",
+            Some(Accuracy),
+            "rise of the amplitude with every test, fraction of Coulomb friction",
+            Exports,
+        ),
     ]
 };
 
@@ -207,7 +228,13 @@ impl Scenario {
         self == Self::MixedTests && number % 4 != 3
     }
 
-    /// Returns true if it can be simulated as test results.
+    /// The part of the heaviest tool that test `number`, from 0, carries where tools change by turns.
+    #[must_use]
+    pub fn tool(self, number: usize) -> f64 {
+        if self == Self::ToolPlan { [0.0, 0.4, 1.0][number % 3] } else { 0.0 }
+    }
+
+    /// Whether it can be simulated as figures of tests.
     #[must_use]
     pub fn has_figures(self) -> bool {
         self.row().roads != Roads::Exports

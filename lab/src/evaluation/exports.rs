@@ -131,8 +131,9 @@ async fn watch(
     let mut said: Vec<Vec<LabAlarm>> = Vec::new();
     let check = SimulationSettings { cycles: 1, warming_s: 0.0, ..simulated.clone() };
     for run in 0..simulated.runs {
-        let settings = if drawn.scenario.is_check(run as usize) { &check } else { simulated };
-        let files = simulate_run(arm, settings, run, folder, &mut |_| ())
+        let usual = if drawn.scenario.is_check(run as usize) { &check } else { simulated };
+        let settings = in_run(usual, drawn, run);
+        let files = simulate_run(arm, &settings, run, folder, &mut |_| ())
             .map_err(|error| CliError::Internal(error.to_string()))?;
         starts.push(files.started_at);
         pipeline.process(&files.export, Retry::Never, &stop, |_| ()).await?;
@@ -195,10 +196,24 @@ fn differing(described: &Robot, units: &[JointUnit]) -> Robot {
     arm
 }
 
+/// Settings of one run, from 0, of a robot with these usual ones: the tool that it carries, its speed and its rate.
+fn in_run(usual: &SimulationSettings, drawn: &RecordedRobot, run: u32) -> SimulationSettings {
+    let mut settings = usual.clone();
+    let mass = drawn.size * drawn.scenario.tool(run as usize);
+    if mass > 0.0 {
+        let kind = FaultKind::Load { mass, centre: [0.0; 3] };
+        settings.faults.push(Fault { kind, joint: None, start_run: run + 1, last_run: Some(run + 1) });
+    }
+    (settings.speed, settings.sample_rate_hz) = drawn.speed_and_rate(run);
+    settings
+}
+
 /// Settings of its simulation, with the fault of its scenario.
 fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<SimulationSettings, CliError> {
-    let season = drawn.scenario == Scenario::Season;
-    let days = if season { 7 } else { 1 };
+    use Scenario as S;
+    let season = matches!(drawn.scenario, S::Season | S::WideSeason);
+    let is_weekly = season || matches!(drawn.scenario, S::ToolPlan | S::Override | S::DayScatter);
+    let days = if is_weekly { 7 } else { 1 };
     let mut settings = SimulationSettings {
         robot_name: "R01".into(),
         seed: drawn.seed,
@@ -207,7 +222,7 @@ fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<Simulati
         cycles: u32::try_from(drawn.cycles).unwrap_or(u32::MAX),
         warming_s: drawn.warming_s,
         runs: tests,
-        // a season needs months
+        // rates of false alarms are of a year
         interval: Duration::from_secs(days * 24 * 3600),
         hall: HallSettings { season_k: if season { drawn.size } else { 0.0 }, day_k: 0.0 },
         friction_day: drawn.friction_day,
@@ -237,6 +252,7 @@ fn fault(
     let load = |mass| FaultKind::Load { mass, centre: [0.0; 3] };
     Ok(match drawn.scenario {
         S::Healthy | S::Hall | S::Season | S::ShortTests | S::LongTests | S::MixedTests => None,
+        S::WideSeason | S::ToolPlan | S::Override | S::DayScatter => None,
         S::WearByTest => always(wear(WornPart::All)),
         S::WearCoulomb => always(wear(WornPart::Coulomb)),
         S::WearViscous => always(wear(WornPart::Viscous)),
@@ -272,6 +288,7 @@ fn fault(
             })
         }
         S::Backlash => always(FaultKind::Backlash { play: size }),
+        S::Ripple => always(FaultKind::Ripple { rate_per_run: size }),
         S::StuckTorque => always(FaultKind::Stuck),
         S::SaturatedTorque => {
             let [_, largest] = torques(arm, drawn.joint, settings)?;

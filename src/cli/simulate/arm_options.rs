@@ -21,6 +21,9 @@ pub(in crate::cli) struct ArmOptions {
     /// Delay from plan and stage signals to the motion, s, such as 0.008
     #[arg(help_heading = "Controller", long, default_value_t = 0.0, value_name = "S")]
     command_delay_s: f64,
+    /// Override: speed of all motions as a part of the planned one, above 0 to 1, such as 0.5
+    #[arg(help_heading = "Controller", long, default_value_t = 1.0, value_name = "PART")]
+    speed: f64,
     /// Standard deviation of position signals, rad (m) [default: 2e-5]
     #[arg(help_heading = "Signals", long, value_name = "RAD")]
     position_noise: Option<f64>,
@@ -109,6 +112,7 @@ impl ArmOptions {
         let usual = settings.sensors;
         SimulationSettings {
             servo: ServoSettings { lag_s: self.following_lag_s, delay_s: self.command_delay_s },
+            speed: self.speed,
             sensors: SensorSettings {
                 position_noise: self.position_noise.unwrap_or(usual.position_noise),
                 position_step: self.position_step.unwrap_or(usual.position_step),

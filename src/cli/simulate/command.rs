@@ -78,6 +78,7 @@ Faults, each with from= (first run) and optionally to= (last run):
   delay:joint=,s=              the torque signal is late
   stuck:joint=                 the torque signal keeps its value
   backlash:joint=,rad=         play in the gear
+  ripple:joint=,rate=          a ripple at the motor's turn grows
   contact:joint=,nm=[,cycle=]  a push from outside
 
 Each run is one export in the native layout or the given one. The truth file NAME.truth.json next to it has the

@@ -99,7 +99,12 @@ pub enum FaultKind {
         /// Width of the backlash at the joint, rad (m).
         play: f64,
     },
-    /// An external force pushes the joint during a twentieth of one cycle.
+    /// A ripple at the turn of the motor grows: a bearing, a coupling or a gear that is damaged.
+    Ripple {
+        /// Growth of its amplitude a run, as a fraction of Coulomb friction.
+        rate_per_run: f64,
+    },
+    /// Something outside pushes the joint during a twentieth of one cycle.
     Contact {
         /// Nm (N).
         torque: f64,
@@ -201,6 +206,7 @@ impl Fault {
             FaultKind::Zero { position } => position,
             FaultKind::Delay { seconds } => seconds,
             FaultKind::Backlash { play } => play,
+            FaultKind::Ripple { rate_per_run } => rate_per_run * (f64::from(run - self.start_run) + 1.0),
             FaultKind::Stuck => 1.0,
         }
     }
@@ -227,7 +233,14 @@ pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> Wear {
     worn
 }
 
-/// Factor of the slow time constant of the warm-up of `joint` in run `run`.
+/// Amplitude of the ripple at the motor's turn that `joint` has in run `run`, as a fraction of its Coulomb friction.
+#[must_use]
+pub fn ripple(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
+    let of_joint = faults.iter().filter(|of| of.is_of(joint.index()));
+    of_joint.filter(|of| matches!(of.kind, FaultKind::Ripple { .. })).map(|of| of.size(run)).sum()
+}
+
+/// How many times longer the slow time constant of the warm-up of `joint` is in run `run`.
 #[must_use]
 pub fn warm_up_factor(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
     let longer = |fault: &Fault| match fault.kind {
@@ -260,6 +273,13 @@ mod tests {
             let fault: Fault = format!("wear:joint=1,from=1,part={part},rate=0.1").parse().unwrap();
             assert_eq!(wear(&[fault], JointIndex::new(0), 1), Wear { coefficients, load }, "{part}");
         }
+    }
+
+    #[test]
+    fn a_ripple_grows_with_every_run() {
+        let fault: Fault = "ripple:joint=2,from=4,rate=0.15".parse().unwrap();
+        let of = |joint, run| ripple(&[fault], JointIndex::new(joint), run);
+        assert_eq!([of(1, 3), of(1, 4), of(1, 6), of(0, 6)], [0.0, 0.15, 0.15 * 3.0, 0.0]);
     }
 
     #[test]

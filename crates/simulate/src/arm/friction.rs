@@ -85,7 +85,9 @@ pub struct JointFriction {
     pub ripple_wave_number: f64,
     /// More ripples, of other orders of the gear.
     pub more_ripples: [Ripple; MORE_RIPPLES],
-    /// Travel of a reversal of the Coulomb part, rad; 0 if it follows the speed alone.
+    /// A ripple of damage.
+    pub damage: Ripple,
+    /// Travel along which the Coulomb part turns over, rad; 0 where it follows the speed alone.
     pub presliding_travel: f64,
     /// Excess of friction in the joint's positive direction, as a fraction; the negative direction has as much less.
     pub direction: f64,
@@ -135,6 +137,7 @@ pub fn joint_friction(
         ripple: RIPPLE_FRACTION * warm[0].abs(),
         ripple_wave_number: RIPPLES_A_TURN * joint.gear_ratio,
         more_ripples: [Ripple::default(); MORE_RIPPLES],
+        damage: Ripple::default(),
         presliding_travel: 0.0,
         direction: 0.0,
         load: load * (1.0 + wear.load),
@@ -161,7 +164,13 @@ impl JointFriction {
         friction_torque(self, &self.warm, qd)
     }
 
-    /// The same gearbox with these ripples instead of the existing ones; those beyond 1 + [`MORE_RIPPLES`] are dropped.
+    /// The same gearbox with a ripple of damage at the turn of the motor, a part of its Coulomb friction.
+    #[must_use]
+    pub fn damaged(self, part: f64, gear_ratio: f64) -> Self {
+        Self { damage: Ripple { amplitude: part * self.warm[0].abs(), wave_number: gear_ratio }, ..self }
+    }
+
+    /// The same gearbox with these ripples in place of its own; those beyond 1 + [`MORE_RIPPLES`] are left out.
     #[must_use]
     pub fn with_ripples(self, orders: &[RippleOrder], gear_ratio: f64) -> Self {
         let of = |of: &RippleOrder| Ripple {
@@ -304,7 +313,7 @@ pub fn ripple_torque(friction: &JointFriction, q: f64, qd: f64) -> f64 {
         let frequency = wave_number * qd / (TAU * RIPPLE_CORNER_HZ);
         amplitude * (wave_number * q).sin() / (1.0 + frequency * frequency)
     };
-    let more = friction.more_ripples.iter().filter(|ripple| ripple.amplitude > 0.0);
+    let more = friction.more_ripples.iter().chain([&friction.damage]).filter(|ripple| ripple.amplitude > 0.0);
     more.fold(of(friction.ripple, friction.ripple_wave_number), |sum, ripple| {
         sum + of(ripple.amplitude, ripple.wave_number)
     })
@@ -417,6 +426,14 @@ mod tests {
             assert!((ripple_torque(&friction, q, 0.0) - expected).abs() < 1e-15);
         }
         assert_eq!(ripple_torque(&first_joint(0.0).with_ripples(&[], 100.0), 0.3, 0.1), 0.0);
+    }
+
+    #[test]
+    fn damage_ripples_at_the_turn_of_the_motor() {
+        let friction = first_joint(0.0).with_ripples(&[], 100.0).damaged(0.15, 100.0);
+        for q in [0.0_f64, 0.003, 0.0171] {
+            assert!((ripple_torque(&friction, q, 0.0) - 0.15 * (100.0 * q).sin()).abs() < 1e-15);
+        }
     }
 
     #[test]

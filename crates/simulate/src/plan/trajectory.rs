@@ -100,13 +100,24 @@ pub struct Segment {
     pub signal: Option<FrictionSignal>,
     /// The motion, in its own time from 0.
     pub motion: MotionPiece,
+    /// Speed of the motion as a part of the planned one.
+    pub speed: f64,
 }
 
 impl Segment {
     /// State at time `t` within the cycle, s.
     #[must_use]
     pub fn state_at(&self, t: f64) -> MotionState {
-        state_at(&self.motion, (t - self.start).clamp(0.0, self.duration))
+        let mut state = state_at(&self.motion, self.own_time(t).clamp(0.0, self.duration * self.speed));
+        state.velocity = state.velocity.map(|of| of * self.speed);
+        state.acceleration = state.acceleration.map(|of| of * self.speed * self.speed);
+        state
+    }
+
+    /// Time of the motion at time `t` within the cycle, s.
+    #[must_use]
+    pub fn own_time(&self, t: f64) -> f64 {
+        (t - self.start) * self.speed
     }
 }
 
@@ -133,7 +144,18 @@ pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, S
 }
 
 impl CyclePlan {
-    /// State at time `t` within the cycle, s: the start state before it, the end state after it.
+    /// The same motions at the part `speed` of their speeds, as a controller with an override drives them.
+    #[must_use]
+    pub fn at_speed(mut self, speed: f64) -> Self {
+        for segment in &mut self.segments {
+            segment.start /= speed;
+            segment.duration /= speed;
+            segment.speed *= speed;
+        }
+        Self { duration: self.duration / speed, working_s: self.working_s / speed, ..self }
+    }
+
+    /// State at time `t` within the cycle, s: that of its start before it, that of its end behind it.
     #[must_use]
     pub fn state_at(&self, t: f64) -> MotionState {
         let at = self.segments.partition_point(|segment| segment.start <= t).saturating_sub(1);
@@ -208,7 +230,7 @@ struct Builder<'a> {
 impl Builder<'_> {
     fn push(&mut self, stage: Stage, signal: Option<FrictionSignal>, duration: f64, motion: MotionPiece) {
         self.state = state_at(&motion, duration);
-        self.segments.push(Segment { start: self.clock, duration, stage, signal, motion });
+        self.segments.push(Segment { start: self.clock, duration, stage, signal, motion, speed: 1.0 });
         self.clock += duration;
     }
 
@@ -384,6 +406,23 @@ mod tests {
                             segment.motion
                         );
                     }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_override_drives_the_same_motions_slower() {
+        for robot in arms() {
+            let [plan, slow] = [plan(&robot, 20.0), plan(&robot, 20.0).at_speed(0.5)];
+            assert!((slow.duration / plan.duration - 2.0).abs() < 1e-12);
+            for k in 0..500 {
+                let t = plan.duration * f64::from(k) / 500.0;
+                let [usual, state] = [plan.state_at(t), slow.state_at(2.0 * t)];
+                for j in 0..robot.joint_count() {
+                    assert!((state.position[j] - usual.position[j]).abs() < 1e-9);
+                    assert!((2.0 * state.velocity[j] - usual.velocity[j]).abs() < 1e-9);
+                    assert!((4.0 * state.acceleration[j] - usual.acceleration[j]).abs() < 1e-9);
                 }
             }
         }

@@ -112,9 +112,9 @@ fn true_torque(
     let settled = recording.servo.settled_after();
     let plateau = match &segment.motion {
         MotionPiece::Plateaus(p) => {
-            let direction = p.plateau_direction(t - segment.start);
-            // an arm with a lag reaches constant speed later
-            let is_steady = settled <= 0.0 || p.plateau_direction(t - segment.start - settled) == direction;
+            let direction = p.plateau_direction(segment.own_time(t));
+            // an arm that is behind its plan comes to constant speed later
+            let is_steady = settled <= 0.0 || p.plateau_direction(segment.own_time(t - settled)) == direction;
             direction.filter(|_| is_steady).map(|direction| (p.joint, direction))
         }
         _ => None,

@@ -23,6 +23,7 @@ impl FaultKind {
             Self::Stuck => "stuck",
             Self::Delay { .. } => "delay",
             Self::Backlash { .. } => "backlash",
+            Self::Ripple { .. } => "ripple",
             Self::Contact { .. } => "contact",
         }
     }
@@ -47,6 +48,7 @@ impl FaultKind {
             Self::Zero { position } => one("rad", position),
             Self::Delay { seconds } => one("s", seconds),
             Self::Backlash { play } => one("rad", play),
+            Self::Ripple { rate_per_run } => one("rate", rate_per_run),
             Self::Stuck => Vec::new(),
             Self::Contact { torque, cycle } => vec![("nm", torque.to_string()), ("cycle", cycle.to_string())],
         }
@@ -138,6 +140,7 @@ fn parse(text: &str) -> Result<Fault, String> {
         "backlash" => {
             FaultKind::Backlash { play: keys.number("rad", "angle of 0 rad or more", |of| of >= 0.0)? }
         }
+        "ripple" => FaultKind::Ripple { rate_per_run: keys.fraction("rate")? },
         "stuck" => FaultKind::Stuck,
         "contact" => FaultKind::Contact {
             torque: keys.number("nm", "torque", any)?,
@@ -146,7 +149,7 @@ fn parse(text: &str) -> Result<Fault, String> {
         other => {
             return Err(format!(
                 "there is no kind \"{other}\", only wear, step, jitter, warm-up, load, offset, gain, noise, zero, \
-                 saturation, delay, backlash, stuck, contact"
+                 saturation, delay, backlash, ripple, stuck, contact"
             ));
         }
     };
@@ -209,6 +212,7 @@ mod tests {
             "saturation:joint=2,from=2,nm=40",
             "delay:joint=4,from=6,s=0.02",
             "backlash:joint=3,from=6,rad=0.002",
+            "ripple:joint=2,from=7,rate=0.15",
             "stuck:joint=4,from=6",
             "contact:joint=2,from=3,to=3,nm=30,cycle=4",
         ] {
