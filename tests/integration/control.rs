@@ -123,7 +123,7 @@ fn a_folder_that_is_not_there_or_lies_in_another_is_warned_of() {
     configure(&workshop, |config| config.replace("[\"inbox\"]", "[\"inbox\", \"inbox/left\", \"later\"]"));
     let check = workshop.stdout(&["config", "check"], 0);
     assert!(check.contains("warning: ") && check.contains("watch.folders[2]"), "{check}");
-    assert!(check.contains("watch.folders[3] = \"later\": is not there"), "{check}");
+    assert!(check.contains("watch.folders[3] = \"later\": does not exist or is not readable"), "{check}");
 
     let daemon = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "cannot read a watched place") > 0);

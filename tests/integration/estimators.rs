@@ -97,7 +97,7 @@ fn refused_cycles_are_passed_over_with_their_reason() {
         let said = text(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
         assert!(
-            said.contains("passed over: run 2, cycle 1: refused when it was read: "),
+            said.contains("skipped: run 2, cycle 1: refused when it was read: "),
             "{arguments:?}: {said}"
         );
     }

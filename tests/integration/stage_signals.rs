@@ -11,7 +11,7 @@ fn with_stage(section: &str) -> Workshop {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let native = fs::read_to_string(root.join("config/exports/native.toml")).expect("the native layout");
     let start = native.find("[stage]").expect("a section");
-    let end = native.find("# Columns that are used if").expect("what follows");
+    let end = native.find("# Optional columns").expect("what follows");
     let text = format!("{}[stage]\n{section}\n\n{}", &native[..start], &native[end..]);
     fs::write(workshop.path("layout.toml"), text).expect("a layout");
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");

@@ -447,7 +447,7 @@ mod tests {
         let past = "noise:joint=1,from=3,to=2,factor=2";
         assert!(told(past, 9, 5).is_some_and(|said| said.contains("ends with run 2; give a later to=")));
         let step = "step:joint=2,from=4,cycle=9,size=0.25";
-        assert!(told(step, 4, 8).is_some_and(|said| said.contains("cycle 9, and a run has 8")));
+        assert!(told(step, 4, 8).is_some_and(|said| said.contains("cycle 9, but a run has only 8")));
         let contact = "contact:joint=2,from=1,nm=30,cycle=6";
         assert!(told(contact, 4, 5).is_some_and(|said| said.contains("is in cycle 6")));
         for (fault, runs, cycles) in [

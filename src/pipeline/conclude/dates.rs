@@ -232,8 +232,8 @@ impl JudgedDates {
                  arrival, and change or end no earlier alarm; `armwatch run-date RUN.. --as-arrived` confirms this order; "
             ),
             true if self.is_unwatched() => format!(
-                "the last {tests} tests are left out, so that the robot is not watched; if the order of arrival is right, \
-                 `armwatch run-date RUN.. --as-arrived` lets them count; "
+                "the last {tests} tests are excluded, so the robot is not watched; if the order of arrival is right, \
+                 include them with `armwatch run-date RUN.. --as-arrived`; "
             ),
             true => String::new(),
         };

@@ -187,7 +187,7 @@ async fn cycles_without_factors_keep_their_estimator_and_are_not_compared_with_o
     let after = rows(&path, "SELECT parameter || joint, value FROM cycle_parameters WHERE run_id = 1").await;
     assert_eq!(before, after);
     let said = "SELECT count(*) FROM cycles
-                WHERE run_id = 1 AND estimator = 'ordinary' AND estimator_reason LIKE 'kept: no factors%'";
+                WHERE run_id = 1 AND estimator = 'ordinary' AND estimator_reason LIKE 'not changed: no factors%'";
     assert_eq!(count(&path, said).await, 2);
     let robots = pipeline.store().stale_robots().await.expect("robots");
     let summaries = pipeline.store().run_summaries(robots[0].robot_id).await.expect("summaries");

@@ -130,7 +130,7 @@ mod tests {
 
     fn with_stage(section: &str) -> Result<Layout, crate::toml::problem::ConfigErrors> {
         let start = NATIVE.find("[stage]").expect("a section");
-        let end = NATIVE.find("# Columns that are used if").expect("what follows");
+        let end = NATIVE.find("# Optional columns").expect("what follows");
         parse_layout("layout.toml", &format!("{}[stage]\n{section}\n{}", &NATIVE[..start], &NATIVE[end..]))
     }
 

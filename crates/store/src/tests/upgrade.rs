@@ -27,7 +27,7 @@ fn unpack(fixture: &str, path: &Path) {
 #[tokio::test]
 async fn a_database_of_an_earlier_version_keeps_its_rows() {
     // with rows in every view, and with recordings stored by programs of that time
-    for schema in ["0046", "0050", "0046.recorded", "0050.recorded"] {
+    for schema in ["0046", "0050", "0046.recorded", "0050.recorded", "0051.recorded"] {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("fleet.db");
         unpack(schema, &path);

@@ -9,7 +9,7 @@ const NATIVE: &str = include_str!("../../../../config/exports/native.toml");
 /// The native layout with another section `[stage]`.
 fn layout(section: &str) -> Layout {
     let start = NATIVE.find("[stage]").expect("a section");
-    let end = NATIVE.find("# Columns that are used if").expect("what follows");
+    let end = NATIVE.find("# Optional columns").expect("what follows");
     let text = format!("{}[stage]\n{section}\n{}", &NATIVE[..start], &NATIVE[end..]);
     parse_layout("layout.toml", &text).expect("no problems")
 }
