@@ -139,7 +139,7 @@ fn proposals_for_what_is_shipped_load_and_ask_what_only_people_know() {
     let motors = reference("tx40/TX40_0000-4000ms_5kHz.csv.gz");
     let motors = motors.to_str().expect("a path");
     let asked = workshop.stdout(&["layout", "infer", motors], 1);
-    assert!(asked.contains("# ? no column rises from row to row"), "{asked}");
+    assert!(asked.contains("# ? no column increases from row to row"), "{asked}");
 
     let empty = workshop.path("empty.csv");
     fs::write(&empty, "").expect("a file");

@@ -45,7 +45,7 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
     let again = workshop.run(&work);
     assert_eq!(again.status.code(), Some(2));
     assert!(
-        text(&again.stderr).contains("entered already, as number 1: Left, joint 3, "),
+        text(&again.stderr).contains("already entered, as number 1: Left, joint 3, "),
         "{}",
         text(&again.stderr)
     );

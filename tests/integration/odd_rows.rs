@@ -63,7 +63,7 @@ fn rows_and_times_that_are_not_as_they_should_be_give_the_same_cycles() {
     };
     let cases: Vec<(&str, Vec<u8>)> = vec![
         ("the row repeats the previous one in every cell", joined(&twice).into_bytes()),
-        ("4096 NUL bytes behind the last row", [text.as_bytes(), &[0; 4096]].concat()),
+        ("4096 NUL bytes after the last row", [text.as_bytes(), &[0; 4096]].concat()),
         ("joint 6: its angle is folded", joined(&with_column(&sound, "pos_6", fold(-PI))).into_bytes()),
         ("joint 6: its angle is folded", joined(&with_column(&sound, "pos_6", fold(0.0))).into_bytes()),
         ("joint 6: its angle is folded", joined(&folded_without_velocity).into_bytes()),
@@ -99,7 +99,7 @@ fn rows_that_are_left_out_are_remarks_of_their_cycle() {
         (
             "R01_20260106_0847_x.csv",
             [twice.as_bytes(), &[0; 64]].concat(),
-            "64 NUL bytes behind the last row",
+            "64 NUL bytes after the last row",
         ),
     ];
     for (name, export, _) in &ends {
@@ -114,8 +114,8 @@ fn rows_that_are_left_out_are_remarks_of_their_cycle() {
             workshop.query(&of_cycle).concat()
         };
         let (first, second) = (remarks(1), remarks(2));
-        assert!(first.contains("1 such row is left out") && !first.contains(words), "{first}");
-        assert!(second.contains("2 such rows are left out") && second.contains(words), "{second}");
+        assert!(first.contains("1 such row is skipped") && !first.contains(words), "{first}");
+        assert!(second.contains("2 such rows are skipped") && second.contains(words), "{second}");
     }
 }
 

@@ -65,7 +65,7 @@ fn files_that_cannot_be_used_are_named_with_their_remedy() {
         let output = workshop.run(&["run"]);
         let said = text(&output.stderr);
         assert!(
-            output.status.code() == Some(78) && said.contains(what),
+            output.status.code() == Some(2) && said.contains(what),
             "{:?}\n{said}",
             output.status.code()
         );

@@ -190,7 +190,7 @@ fn a_recording_waits_for_its_last_part_and_a_missing_one_is_named() {
     let of_torques = columns(&export, |name| name == "time" || name.starts_with("trq"));
     fs::write(workshop.inbox(&pos), columns(&export, |name| !name.starts_with("trq"))).expect("written");
     let explained = workshop.stdout(&["explain", &format!("inbox/{pos}")], 1);
-    assert!(explained.contains(&format!("its part {trq}, which is missing")), "{explained}");
+    assert!(explained.contains(&format!("without its part {trq}")), "{explained}");
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'quarantined'", 1);
     let reason = workshop.query("SELECT robot, reason FROM runs").concat();
