@@ -43,7 +43,7 @@ fn windows_of_a_log_come_to_have_one_factor_and_the_log_verifies_as_before() {
     // by default all factors are too young, and a dry run changes nothing
     let young = workshop.stdout(&["prune"], 0);
     assert!(
-        young.contains("those of tests are kept for 120 days, those of ordinary work for 7 days"),
+        young.contains("those of tests are kept for 120 days, those of production for 7 days"),
         "{young}"
     );
     let planned = workshop.stdout(&["prune", "--dry-run", "--older-than", "0"], 0);
@@ -202,7 +202,7 @@ fn the_size_of_a_cycle_and_a_window_is_the_documented_one() {
     assert!(windows > 10.0, "{windows}");
     let window = [0, 1].map(|of| (with_work[of] - with_two[of]) / windows);
 
-    let (of_cycle, of_window) = (documented("cycle of a test"), documented("window of ordinary work"));
+    let (of_cycle, of_window) = (documented("cycle of a test"), documented("window of production"));
     let of_log = documented("log whose windows were joined");
     println!(
         "used by a cycle {cycle:?}, by a window {window:?} bytes; documented {of_cycle:?}, {of_window:?} kB"

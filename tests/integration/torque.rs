@@ -253,7 +253,7 @@ fn what_there_is_nothing_of_is_said() {
     let before = std::fs::read(workshop.path(&export)).expect("the export");
     let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", &export]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("not written to"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("so it is not replaced"), "{}", text(&output.stderr));
     assert_eq!(std::fs::read(workshop.path(&export)).expect("the export"), before);
 
     delete_run(&workshop, 1);

@@ -167,7 +167,7 @@ const DAEMON: &[Expectation] = &[
         &[
             (2, "serve.requests_per_s", "must be between 0 and 100000 1/s"),
             (6, "serve.token[1].scopes[1]", "write \"read\", \"act\" or \"upload\""),
-            (7, "serve.token[2]", "there are two tokens \"screen\""),
+            (7, "serve.token[2]", "two tokens have the name \"screen\""),
             (10, "serve.token[2].scopes", "has no scope"),
             (11, "serve.token[3].file", "is missing"),
             (11, "serve.token[3].scopes", "is missing"),

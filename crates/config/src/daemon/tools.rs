@@ -114,7 +114,7 @@ mod tests {
         for (from, to, said) in [
             ("mass_kg = 0.8", "mass_kg = -1", "mass_kg"),
             ("files = [\"*_gripper*\"]\n", "", "files"),
-            ("xx = 0,", "xx = 1,", "no body is like that"),
+            ("xx = 0,", "xx = 1,", "no body has this inertia"),
             ("[[tool]]", "[[tool]]\nrobots = \"S*\"", "no [[robot]] is for the robots \"S*\""),
             ("[[tool]]", "[tool]", "[[tool]]"),
         ] {

@@ -282,7 +282,7 @@ fn slower_and_later_channels_of_a_scope_export_hold_their_last_value() {
     let expected = format!("scope_time_ms,fast [V],slow,late\n{}\n", rows.collect::<Vec<_>>().join("\n"));
     assert_eq!(text_of(&path).expect("a text"), expected);
     for (damage, said) in [
-        (text.replace("\n4\t", "\nx\t"), "line 10 has \"x\" in the place of a time"),
+        (text.replace("\n4\t", "\nx\t"), "line 10 has \"x\" instead of a time"),
         (text.replace("\n8\t8", "\n1\t8"), "line 12 has the time 1 ms after a later one"),
         (text.replace("\n8\t8", "\n\t"), "line 13 has a time after the end of its channel"),
         (text.replace("\nName\tfast", "\nNames\tfast"), "should be before a line of names"),

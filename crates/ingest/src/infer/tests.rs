@@ -341,7 +341,7 @@ fn columns_without_names_are_never_guessed_to_be_torques_where_they_may_be_curre
     ] {
         assert_eq!(asked.questions, 1, "{}", asked.toml);
         let words = asked.toml.replace("\n#", "");
-        assert!(words.contains(said) && asked.toml.contains("# ? no name says"), "{}", asked.toml);
+        assert!(words.contains(said) && asked.toml.contains("# ? no name identifies"), "{}", asked.toml);
         assert!(!asked.toml.contains("\nunit = \"Nm\""), "{}", asked.toml);
     }
 }
@@ -354,7 +354,7 @@ fn torques_by_name_that_are_as_small_as_currents_are_asked_about() {
     assert_eq!(native.questions, 0, "{}", native.toml);
     let header = export(&native_style()).lines().next().unwrap().to_owned();
     let small = proposed(format!("{header}\n{}", nameless(50.0)).as_bytes(), hints);
-    assert!(small.questions == 1 && small.toml.contains("# ? the name says torque"), "{}", small.toml);
+    assert!(small.questions == 1 && small.toml.contains("# ? the name contains torque"), "{}", small.toml);
 }
 
 #[test]

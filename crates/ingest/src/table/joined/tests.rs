@@ -160,7 +160,7 @@ fn parts_side_by_side_are_read_as_one_file() {
     );
     fs::remove_file(case.path("a_vel.csv")).unwrap();
     let rejection = rows(&path, &by_row).unwrap_err();
-    assert!(rejection.reason.contains("a_vel.csv, which is missing"), "{rejection}");
+    assert!(rejection.reason.contains("without its part a_vel.csv"), "{rejection}");
 }
 
 #[test]

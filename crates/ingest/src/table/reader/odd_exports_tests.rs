@@ -155,9 +155,9 @@ fn bad_cells_are_named_by_line_and_column() {
         ("empty_cell.csv", ", line 5, column vel_6: empty cell;"),
         (
             "unknown_stage.csv",
-            ", line 4, column stage: \"7\" is no known stage; add the value to the stage signal",
+            ", line 4, column stage: \"7\" is not a known stage; add the value to the stage signal",
         ),
-        ("stage_in_between.csv", ", line 4, column stage: \"1.5\" is no known stage;"),
+        ("stage_in_between.csv", ", line 4, column stage: \"1.5\" is not a known stage;"),
         (
             "absurd_position.csv",
             ", line 4, column pos_2: \"1e200\" is beyond any joint's position (more than 1e4 rad",

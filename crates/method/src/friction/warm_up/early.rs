@@ -49,9 +49,7 @@ pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
         return None;
     }
     let times = (0..STEPS).map(|step| fastest * (slowest / fastest).powf(step as f64 / (STEPS - 1) as f64));
-    // a time constant above that of the other part bounds nothing
-    let with_fast = |time| fixed(points, first, time).filter(|fit| fit.slow.time_constant.value > time);
-    let fits: Vec<(f64, Option<Fixed>)> = times.map(|time| (time, with_fast(time))).collect();
+    let fits: Vec<(f64, Option<Fixed>)> = times.map(|time| (time, fixed(points, first, time))).collect();
     let (time, best) = fits
         .iter()
         .filter_map(|(time, fit)| Some((*time, fit.as_ref()?)))
