@@ -1,20 +1,20 @@
-//! HTTP: exports come in, and what became of them and of the fleet can be asked and looked at.
+//! HTTP server: it receives exports, reports their status, and shows the state of the fleet.
 //!
-//! Uploads go to a folder that is watched like any other (`spool`), so that they come through the same door
-//! as files on disk; nothing here reads an export. The database is changed only by what people do with alarms.
+//! Uploads go to a watched folder (`spool`), so the daemon reads them in the same way as files on disk. No code here
+//! reads an export. Requests change the database only if a person handles an alarm.
 //!
 //! | request | does |
 //! |---|---|
-//! | `GET /` | the dashboard, a page that asks what follows (`page`) |
-//! | `/v1/fleet`, `/v1/views/VIEW`, `/v1/sql`, `/v1/events`, ... | what is stored, and what people do with alarms (`api`) |
-//! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut (`upload`) |
-//! | `HEAD /v1/exports/NAME` | says in `Upload-Offset` how much of it is there |
-//! | `GET /v1/exports/HASH`, `/NAME` | says what became of an export (`status`) |
-//! | `GET /v1/openapi.json` | the description of all this (`openapi`) |
+//! | `GET /` | the dashboard, a page that sends the requests below (`page`) |
+//! | `/v1/fleet`, `/v1/views/VIEW`, `/v1/sql`, `/v1/events`, ... | stored data, and actions on alarms (`api`) |
+//! | `PUT /v1/exports/NAME` | receives an export, whole or from the end of an interrupted attempt (`upload`) |
+//! | `HEAD /v1/exports/NAME` | reports in `Upload-Offset` the number of bytes received |
+//! | `GET /v1/exports/HASH`, `/NAME` | reports the status of an export (`status`) |
+//! | `GET /v1/openapi.json` | the description of all these requests (`openapi`) |
 //! | `GET /metrics` | figures for Prometheus (`metrics`) |
-//! | `GET /health`, `/ready` | whether the process lives, and whether it can work |
+//! | `GET /health`, `/ready` | report if the process lives, and if it can work |
 //!
-//! Everything that a client can make large is bounded: connections, uploads, headers, bytes, time.
+//! Limits apply to everything that a client can make large: connections, uploads, headers, bytes, time.
 
 mod access;
 mod answer;
@@ -84,71 +84,71 @@ pub use tls::TlsError;
 use unread_answers::UnreadAnswers;
 use watched_stream::{WRITE_STALL, WatchedStream};
 
-/// Most bytes of a request's headers: a name of 255 bytes, percent-encoded, and a dozen usual headers.
+/// Maximum size of a request's headers in bytes: a name of 255 bytes, percent-encoded, and a dozen usual headers.
 const HEADER_BYTES: usize = 16 << 10;
 
-/// Most headers of a request.
+/// Maximum number of headers of a request.
 const HEADERS: usize = 64;
 
-/// How long a client may take over the headers of a request, and stay connected without one.
+/// Time limit for the headers of a request, and for a connection without a request.
 const HEADER_TIME: Duration = Duration::from_secs(15);
 
-/// How long a request may take until its answer begins; one that is no upload.
+/// Time limit for a request until its answer begins. Uploads have other limits.
 const REQUEST_TIME: Duration = Duration::from_secs(60);
 
-/// How long requests in hand may take when the program stops. Uploads are cut sooner, and resumed later.
+/// Time limit for running requests when the program stops. Uploads stop sooner, and clients resume them later.
 const STOP_TIME: Duration = Duration::from_secs(5);
 
-/// Connections that may still be closing while [`CONNECTIONS`] are open. Beyond these, new ones wait in the system's queue.
+/// Connections that may still be closing while [`CONNECTIONS`] are open. Further ones wait in the system's queue.
 const CLOSING: usize = 64;
 
-/// Bytes of an answer that the system may hold for a client that has not taken them. The system itself would choose up
-/// to some megabytes, of which the first third has to be taken before progress shows.
+/// Bytes of an answer that the system may buffer until the client reads them. The system's own choice is up to some
+/// megabytes. The client would then have to read a third of them before the daemon sees progress.
 const SEND_BUFFER_BYTES: u32 = 32 << 10;
 
 /// Connections that the system accepts before the daemon does.
 const BACKLOG: u32 = 1024;
 
-/// Pause after a failed accept: without file descriptors the next one fails at once.
+/// Pause after a failed accept. Without file descriptors the next accept fails at once.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Why nothing is served.
+/// Reason why the server does not start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// Who may ask is not settled.
+    /// The tokens or their settings are not valid.
     #[error(transparent)]
     Access(#[from] AccessError),
-    /// The certificate cannot be used.
+    /// The certificate is not usable.
     #[error(transparent)]
     Tls(#[from] TlsError),
-    /// The address is taken, or not of this machine.
+    /// The address is in use, or does not belong to this machine.
     #[error("cannot listen on {address}: {detail}; change serve.listen in the configuration")]
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's message.
         detail: String,
     },
 }
 
 impl ServeError {
-    /// Whether a person has to change the configuration, rather than the machine.
+    /// True if a person must change the configuration, rather than the machine.
     #[must_use]
     pub fn is_configuration(&self) -> bool {
         matches!(self, Self::Access(_) | Self::Tls(_))
     }
 }
 
-/// A server at work.
+/// A running server.
 #[derive(Debug)]
 pub struct Server {
-    /// Where it listens; the port is the system's where the configuration says 0.
+    /// Its listening address. The system chooses the port if the configuration says 0.
     pub address: SocketAddr,
     task: JoinHandle<()>,
 }
 
 impl Server {
-    /// Waits for the end, which comes after the stop was asked for.
+    /// Waits until the server ends, after a request to stop.
     pub async fn ended(self) {
         if let Err(error) = self.task.await {
             tracing::error!(%error, "the HTTP server panicked");
@@ -166,11 +166,11 @@ pub fn check_access(settings: &ServeSettings, clients: &ClientSettings) -> Resul
     Ok(())
 }
 
-/// Listens as `settings` say until `stop` is cancelled, and counts requests in `metrics`. Requests in hand are then
-/// finished, uploads cut where they can go on.
+/// Listens as `settings` say until `stop` is cancelled, and counts requests in `metrics`. The server then finishes
+/// running requests, and cuts uploads that clients can resume.
 ///
 /// # Errors
-/// [`ServeError`]; nothing listens then.
+/// [`ServeError`]; the server does not listen then.
 pub async fn start(
     settings: &ServeSettings,
     config: watch::Receiver<Arc<Config>>,
@@ -186,7 +186,7 @@ pub async fn start(
     let uploads = match &settings.upload {
         Some(upload) => {
             let uploads = Uploads::new(upload.clone(), config.clone());
-            // a spool that cannot be used stops uploads, and nothing else
+            // an unusable spool stops uploads only
             uploads.obstacle().await;
             Some(uploads)
         }
@@ -237,7 +237,7 @@ pub async fn start(
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     socket.set_reuseaddr(true)?;
-    // accepted connections inherit it
+    // accepted connections inherit this size
     socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
     socket.bind(address)?;
     socket.listen(BACKLOG)
@@ -252,7 +252,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .routes(routes!(status::ready));
     let (router, description) = described.split_for_parts();
     match description.to_json() {
-        // a router is made once a server
+        // each server builds one router
         Ok(text) => drop(shared.description.set(text)),
         Err(error) => tracing::error!(%error, "the API has no description"),
     }
@@ -261,14 +261,14 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/metrics", get(metrics::metrics))
         .fallback(status::nothing)
         .method_not_allowed_fallback(status::no_method)
-        // uploads are counted where they are taken
+        // the upload handler counts the bytes of uploads
         .layer(DefaultBodyLimit::max(BODY_BYTES))
         .layer(from_fn_with_state(Arc::clone(&shared), bounded))
         .layer(from_fn_with_state(Arc::clone(&shared), requests::count))
         .with_state(shared)
 }
 
-/// Answers a request within its limits: how many its network may send, and how long one may take.
+/// Answers a request within its limits: the number of requests from its network, and the time for one.
 async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let path = request.uri().path();
     let costs = path.starts_with("/v1/") || path == "/metrics";
@@ -282,7 +282,7 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
     }
     let wanted = Wanted::by(&request);
     if *request.method() == Method::PUT {
-        // an upload has bounds of its own
+        // an upload has other limits
         return next.run(request).await;
     }
     match tokio::time::timeout(REQUEST_TIME, next.run(request)).await {
@@ -298,10 +298,10 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
     }
 }
 
-/// A refusal of the library, such as that of an address with what is no text, in the form of all others.
+/// Gives a refusal of the library the form of all others, such as one of an address that is not valid text.
 async fn explained(answer: Response) -> Response {
     const LONGEST: usize = 4 << 10;
-    /// Where requests are described.
+    /// Pointer to the description of requests.
     const DESCRIBED: &str = "GET /v1/openapi.json and docs/api.md describe the requests";
     let is_text =
         answer.headers().get(CONTENT_TYPE).is_some_and(|media| media.as_bytes().starts_with(b"text/plain"));
@@ -377,7 +377,7 @@ async fn accept(
     }
 }
 
-/// The stream after the handshake; `None` if there is none within the time of a request's headers.
+/// The stream after the handshake; `None` if the handshake exceeds the time limit for headers.
 async fn encrypted(
     acceptor: &TlsAcceptor,
     stream: WatchedStream<TcpStream>,
@@ -413,7 +413,7 @@ async fn serve(
     let router = TowerToHyperService::new(router);
     let progress = Arc::clone(&place.progress);
     let service = service_fn(move |mut request: hyper::Request<Incoming>| {
-        // a body may keep the daemon waiting
+        // the daemon may have to wait for a body
         let answering = request.body().is_end_stream().then(|| progress.answering());
         request.extensions_mut().insert(network);
         let answer = router.call(request);
@@ -434,7 +434,7 @@ async fn serve(
         }
     };
     if let Err(error) = ended {
-        // a client that went away, does not read, or sent what is no HTTP
+        // a client that disconnected, does not read, or sent invalid HTTP
         tracing::debug!(%error, "HTTP connection ended");
     }
 }

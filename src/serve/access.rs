@@ -1,4 +1,4 @@
-//! Who may ask: a bearer token, or programs of this machine.
+//! Access to the server: requests need a bearer token or a program on this machine.
 
 use std::fs::File;
 use std::io::Read;
@@ -15,19 +15,19 @@ use armwatch_config::{ClientSettings, ServeSettings};
 use armwatch_ingest::bytes::fingerprint::of_bytes;
 use armwatch_model::run::ContentHash;
 
-/// Environment variable with the token, where the configuration names no file.
+/// Environment variable with the token, if the configuration names no file.
 pub const TOKEN_VARIABLE: &str = "ARMWATCH_TOKEN";
 
 /// Shortest token: 16 characters of base 64 are 96 bits.
 const SHORTEST_TOKEN: usize = 16;
 
-/// Longest token, and most that is read of its file.
+/// Longest token, and the limit for reading its file.
 const LONGEST_TOKEN: usize = 1024;
 
-/// Why it is not settled who may ask.
+/// Error in the configuration of access.
 #[derive(Debug, thiserror::Error)]
 pub enum AccessError {
-    /// Other machines could ask, and there is no token.
+    /// Other machines can send requests, and there is no token.
     #[error(
         "serve.listen = \"{0}\" is reached from other machines and there is no token; give serve.token_file or the \
          environment variable {TOKEN_VARIABLE}, or listen on 127.0.0.1"
@@ -36,25 +36,25 @@ pub enum AccessError {
     /// The file cannot be read.
     #[error("{key}: {file}: {detail}", file = path.display())]
     File {
-        /// Where the configuration names it.
+        /// Key of the file in the configuration.
         key: String,
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Message of the operating system.
         detail: String,
     },
-    /// The token is easily guessed, or cannot be sent.
+    /// The token is easy to guess or cannot be sent.
     #[error(
         "the token in {0} must be one line of {SHORTEST_TOKEN} to {LONGEST_TOKEN} printable characters without \
          blanks; `openssl rand -hex 24` makes one"
     )]
     Token(String),
-    /// Two names, one token: which scopes hold would depend on their order.
+    /// Two names have one token, so the valid scopes would depend on their order.
     #[error("{0} and {1} hold the same token; `openssl rand -hex 24` makes another")]
     Same(String, String),
 }
 
-/// What a request must know.
+/// The tokens and addresses that decide access.
 #[derive(Debug)]
 pub struct Access {
     tokens: Vec<Token>,
@@ -67,7 +67,7 @@ pub struct Access {
 
 struct Token {
     name: String,
-    /// Hashes are compared, so that time says nothing of a token, not even its length.
+    /// Only hashes are compared, so that timing reveals nothing about a token, not even its length.
     hash: ContentHash,
     scopes: Vec<Scope>,
 }
@@ -118,11 +118,11 @@ impl Access {
         })
     }
 
-    /// The header that makes a browser send `token` with each request, for 90 days with `keep`, else until it is
-    /// closed. Scripts cannot read the cookie, and browsers do not send it with requests of other sites.
+    /// The header that makes a browser send `token` with each request: for 90 days with `keep`, otherwise until the
+    /// browser is closed. Scripts cannot read the cookie, and browsers do not send it with requests of other sites.
     ///
     /// # Errors
-    /// 401 for a token that is none.
+    /// 401 for an unknown token.
     pub fn log_in(&self, token: &str, keep: bool, is_secure: bool) -> Result<String, Refusal> {
         let token = token.trim();
         self.token_of(token.as_bytes())?;
@@ -140,12 +140,12 @@ impl Access {
         format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{age}{secure}", self.cookie)
     }
 
-    /// Whether a request may do what `scope` allows. Without a token, requests that name this machine may read and
-    /// upload: a page in a browser could otherwise ask in its user's place. What changes something needs a token always.
+    /// Checks that a request may do the actions of `scope`. Without tokens, requests that name this machine may read
+    /// and upload; otherwise a page in a browser could send requests in its user's name. Changes always need a token.
     ///
     /// # Errors
-    /// 401 without a token or with one that is none, 403 with one of other scopes, from a page of another address, and
-    /// where there is no token at all.
+    /// 401 for a missing or unknown token. 403 for a token without the scope, for a page at another address, and if no
+    /// token is configured.
     pub fn check_for(&self, scope: Scope, headers: &HeaderMap) -> Result<(), Refusal> {
         self.check_own_page(headers)?;
         if self.tokens.is_empty() {
@@ -184,7 +184,7 @@ impl Access {
 
     fn token_of(&self, given: &[u8]) -> Result<&Token, Refusal> {
         let given = of_bytes(given);
-        // all are compared, so that the time says nothing of which it is
+        // compares all, so that timing does not reveal the matching token
         let mut held = None;
         for token in &self.tokens {
             if is_same(&token.hash, &given) {
@@ -194,21 +194,21 @@ impl Access {
         held.ok_or_else(Refusal::wrong_token)
     }
 
-    /// Whether a request may read what is stored.
+    /// Checks that a request may read stored data.
     ///
     /// # Errors
-    /// As [`Access::check_for`].
+    /// Those of [`Access::check_for`].
     pub fn check(&self, headers: &HeaderMap) -> Result<(), Refusal> {
         self.check_for(Scope::Read, headers)
     }
 
-    /// Whether a request needs a token.
+    /// Returns true if a request needs a token.
     pub fn needs_token(&self) -> bool {
         !self.tokens.is_empty()
     }
 }
 
-/// The hash of a token, unless it is easily guessed or cannot be sent.
+/// The hash of a token; `None` if the token is easy to guess or cannot be sent.
 fn hash_of(text: &str) -> Option<ContentHash> {
     let token = text.trim();
     let is_usable = (SHORTEST_TOKEN..=LONGEST_TOKEN).contains(&token.len())
@@ -225,7 +225,7 @@ fn read(path: &Path, key: &str) -> Result<String, AccessError> {
     Ok(text)
 }
 
-/// Warns of a token that other users of the machine may read.
+/// Warns of a token file that other users of the machine may read.
 pub fn warn_if_open(settings: &ServeSettings, clients: &ClientSettings) {
     use std::os::unix::fs::PermissionsExt;
     const OTHERS: u32 = 0o077;
@@ -249,15 +249,16 @@ fn cookie<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a [u8]> {
     pairs.find(|(found, _)| *found == name).map(|(_, value)| value.as_bytes())
 }
 
-/// Whether two hashes are equal, in a time that does not depend on where they differ.
+/// Returns true if two hashes are equal. The time does not depend on the position of a difference.
 fn is_same(a: &ContentHash, b: &ContentHash) -> bool {
     a.0.ct_eq(&b.0).into()
 }
 
-/// Returns true for a request of no page, or of a page of this server at `public_url` or the Host of the request.
+/// Returns true if a request is from no page or from a page of this server. The address of the server is
+/// `public_url` or the Host of the request.
 ///
-/// Browsers say so themselves in `Sec-Fetch-Site`, which no page can set and which passes proxies that change the Host,
-/// but only over TLS and on this machine. Otherwise the Origin of the page must be the address that was asked.
+/// Browsers say so in `Sec-Fetch-Site`. No page can set this header, and it passes proxies that change the Host.
+/// Browsers send it only over TLS and on this machine. Otherwise the Origin of the page must be the requested address.
 fn is_of_own_page(headers: &HeaderMap, public_url: Option<&str>) -> bool {
     if let Some(site) = headers.get("sec-fetch-site") {
         return site == "same-origin" || site == "none";

@@ -1,4 +1,4 @@
-//! What requests share.
+//! State shared by all requests.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,44 +20,44 @@ use armwatch_config::{Config, UploadSettings};
 use armwatch_model::run::ContentHash;
 use armwatch_store::Store;
 
-/// What requests share.
+/// State shared by all requests.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) store: Store,
     pub(super) access: Access,
     pub(super) uploads: Option<Uploads>,
-    /// Requests by network.
+    /// Request counts by network.
     pub(super) rates: RequestRates,
     /// Reverse proxies that name the client.
     pub(super) proxies: Proxies,
     /// Large answers that clients have not read yet.
     pub(super) unread: UnreadAnswers,
-    /// Turns of statements of people and programs: their work takes cores from the pipeline.
+    /// Limits concurrent statements of people and programs. Their work uses cores that the pipeline needs.
     pub(super) statements: Arc<Semaphore>,
-    /// Turns of answers that are compressed.
+    /// Limits concurrent compression of answers.
     pub(super) compressions: Arc<Semaphore>,
-    /// The turn of requests that read an export again: one at a time. The task that reads holds it.
+    /// Limits requests that read an export again to one at a time. The reading task holds the permit.
     pub(super) replays: Arc<Semaphore>,
     pub(super) stop: CancellationToken,
-    /// What `/ready` said last.
+    /// Last answer of `/ready`.
     pub(super) readiness: tokio::sync::Mutex<Option<Readiness>>,
-    /// As it is in force now.
+    /// The configuration now in force.
     pub(super) config: watch::Receiver<Arc<Config>>,
-    /// What `/v1/openapi.json` says, once the routes are known.
+    /// Answer of `/v1/openapi.json`, set once the routes are known.
     pub(super) description: OnceLock<String>,
-    /// The handle of those who only look, opened by the first of them.
+    /// The handle for requests that only read, opened by the first such request.
     pub(super) looking: OnceCell<Store>,
-    /// Figures of the process.
+    /// Metrics of the process.
     pub(super) metrics: Metrics,
-    /// Counts changes of the database while anybody listens.
+    /// Counts changes of the database while a client listens.
     pub(super) changes: watch::Sender<u64>,
 }
 
 impl Shared {
-    /// The handle of those who only look.
+    /// The handle for requests that only read.
     ///
     /// # Errors
-    /// 500 where the database cannot be opened, or is no longer the file at its path.
+    /// 500 if the database cannot be opened, or is no longer the file at its path.
     pub async fn looking(&self) -> Result<&Store, Refusal> {
         self.store.check_files().map_err(|error| Refusal::internal(&error))?;
         let open = async || match self.store.open_for_looking().await {
@@ -69,45 +69,45 @@ impl Shared {
     }
 }
 
-/// Statements of people and programs at once.
+/// Maximum number of concurrent statements of people and programs.
 pub(super) const STATEMENTS: usize = 2;
 
-/// What the last look said, and when it was.
+/// Result of the last check, and its time.
 #[derive(Debug, Clone)]
 pub struct Readiness {
     pub(super) at: Instant,
-    /// Why the database cannot be used.
+    /// Reason why the database is not usable.
     pub(super) database: Result<(), &'static str>,
-    /// Why no uploads are taken, although they are on.
+    /// Reason why the daemon refuses uploads, although they are on.
     pub(super) obstacle: Option<String>,
 }
 
-/// Uploads remembered, so that a client can ask at once: those that the ledger may not know yet, and names of contents that
-/// it knew by another one.
+/// Maximum number of remembered uploads in each list, so that a client can ask for their status at once. One list has
+/// uploads perhaps still unknown to the ledger. The other has new names of contents known by another name.
 const REMEMBERED: usize = 1024;
 
-/// Time between two looks at the spool: for space, and for uploads that nobody goes on with.
+/// Time between two checks of the spool: for free space, and for abandoned uploads.
 pub(super) const CLEANING_INTERVAL: Duration = Duration::from_secs(60);
 
-/// What uploads share.
+/// State shared by all uploads.
 #[derive(Debug)]
 pub struct Uploads {
     pub(super) settings: UploadSettings,
     pub(super) spool: Spool,
-    /// As it is in force now.
+    /// The configuration now in force.
     pub(super) config: watch::Receiver<Arc<Config>>,
     pub(super) places: Semaphore,
-    /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
+    /// Locked while a whole upload gets its name. The second of two uploads with one name then sees the first.
     pub(super) placing: tokio::sync::Mutex<()>,
-    /// Uploads that got their name, the latest last.
+    /// Uploads that have their name, the latest last.
     pub(super) waiting: Mutex<VecDeque<SentContent>>,
-    /// Uploads that were not taken, since their content was here or stored already; the latest last.
+    /// Uploads refused because their content was here or stored already; the latest last.
     pub(super) known: Mutex<VecDeque<SentContent>>,
-    /// Whether the last look at the spool found an obstacle.
+    /// True if the last check of the spool found an obstacle.
     is_refusing: AtomicBool,
 }
 
-/// A content as it was sent.
+/// A content under its upload name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct SentContent {
     name: String,
@@ -115,10 +115,10 @@ pub(super) struct SentContent {
 }
 
 impl Uploads {
-    /// Uploads into the spool of robots that `config` knows.
+    /// Creates the state for uploads into the spool, from robots that `config` knows.
     pub fn new(settings: UploadSettings, config: watch::Receiver<Arc<Config>>) -> Self {
         let reserve = Reserve::new(&settings.spool, config.borrow().database_file(), settings.reserve_bytes);
-        // a slow client leaves a place to others
+        // a slow client leaves one slot free for others
         let spool = Spool::new(&settings.spool, reserve, settings.at_once.saturating_sub(1).max(1));
         let places = Semaphore::new(settings.at_once);
         Self {
@@ -133,24 +133,24 @@ impl Uploads {
         }
     }
 
-    /// Whether a content was taken that the ledger may not know yet.
+    /// True if the daemon accepted this content, perhaps still unknown to the ledger.
     pub fn is_waiting(&self, hash: &ContentHash) -> bool {
         let waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
         waiting.iter().any(|sent| sent.hash == *hash)
     }
 
-    /// The content that was taken last under this name, which the ledger may not know yet.
+    /// The last accepted content under this name, perhaps still unknown to the ledger.
     pub fn waiting_as(&self, name: &str) -> Option<ContentHash> {
         latest(&self.waiting, name)
     }
 
-    /// The content that was sent last under this name and not taken, since it was here already.
+    /// The last content sent under this name and not accepted, since it was here already.
     pub fn known_as(&self, name: &str) -> Option<ContentHash> {
         latest(&self.known, name)
     }
 
-    /// Why no upload can be taken now: the spool cannot be written, or its disk or that of the database has no space
-    /// beyond the reserve. The log says so when it begins and ends.
+    /// Reason why no upload is possible now: the spool cannot be written, or its disk or the database's disk has no
+    /// space beyond the reserve. The log reports the beginning and the end of this state.
     pub async fn obstacle(&self) -> Option<String> {
         let spool = self.spool.clone();
         let obstacle = match tokio::task::spawn_blocking(move || spool.check()).await {
@@ -175,7 +175,7 @@ impl Uploads {
         remember(&self.waiting, name, hash);
     }
 
-    /// Remembers the name of a content that was not taken.
+    /// Remembers the name of a content that was not accepted.
     pub(super) fn remember_known(&self, name: &str, hash: ContentHash) {
         remember(&self.known, name, hash);
     }
@@ -186,7 +186,7 @@ fn latest(sent: &Mutex<VecDeque<SentContent>>, name: &str) -> Option<ContentHash
     sent.iter().rfind(|sent| sent.name == name).map(|sent| sent.hash)
 }
 
-/// Puts an upload last; the oldest goes where there are too many.
+/// Puts an upload last, and drops the oldest if there are too many.
 fn remember(sent: &Mutex<VecDeque<SentContent>>, name: &str, hash: ContentHash) {
     let mut sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
     let new = SentContent { name: name.to_owned(), hash };
@@ -209,7 +209,7 @@ mod tests {
         remember(&sent, "a.csv", content(2));
         remember(&sent, "b.csv", content(1));
         assert_eq!((latest(&sent, "a.csv"), latest(&sent, "c.csv")), (Some(content(2)), None));
-        // sent again, it is the latest and takes no second place
+        // a repeated upload becomes the latest and has only one entry
         remember(&sent, "a.csv", content(1));
         assert_eq!((latest(&sent, "a.csv"), sent.lock().unwrap().len()), (Some(content(1)), 3));
         (0..REMEMBERED).for_each(|number| remember(&sent, &format!("{number}.csv"), content(7)));

@@ -18,18 +18,18 @@ use crate::serve::shared::{Readiness, Uploads};
 use armwatch_model::run::ContentHash;
 use armwatch_store::{StoreError, ViewRows, time_in_views};
 
-/// What became of an export
+/// Status of an export
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ExportStatus {
-    /// BLAKE3 of its content, 64 hexadecimal digits; null while the file grows
+    /// BLAKE3 hash of its content, 64 hexadecimal digits; null while the file grows
     hash: Option<String>,
     /// Its run; null while it waits
     run_id: Option<i64>,
     /// waiting, or the status of its run, such as complete or quarantined
     status: String,
-    /// Cycles that are stored
+    /// Number of stored cycles
     cycles: u64,
-    /// Why it is in quarantine
+    /// Reason for its quarantine
     reason: Option<String>,
 }
 
@@ -40,45 +40,46 @@ pub struct Health {
     status: &'static str,
 }
 
-/// Whether the daemon can work
+/// Readiness of the daemon
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Ready {
-    /// Whether it can
+    /// True if the daemon can work
     ready: bool,
-    /// Whether the database answers
+    /// True if the database answers
     database: bool,
-    /// Whether uploads can be taken, where they are on
+    /// True if the daemon can receive uploads, or if uploads are off
     spool: bool,
-    /// Whether the disk of the copy for readers answers, if one is written
+    /// True if the disk of the copy for readers answers, or if no copy is written
     snapshot: bool,
-    /// Why uploads are refused, although they are on; everything else goes on meanwhile. Null without a token that may read
+    /// Reason why the daemon refuses uploads although they are on; all other work continues. Null without a token that
+    /// may read
     uploads_refused: Option<String>,
-    /// Whether every watched folder is looked at: a disk or file server that does not answer is not
+    /// True if every watched folder answers; false if a disk or file server does not
     folders_answer: bool,
     /// Number of watched folders
     folders_watched: usize,
     /// Number of watched folders that do not answer
     folders_silent: usize,
-    /// The watched folders. Empty without a token that may read, since the names of folders are no concern of others
+    /// The watched folders. Empty without a token that may read, since other clients need no names of folders
     folders: Vec<WatchedFolder>,
-    /// Whether it is about to stop
+    /// True if the daemon is about to stop
     stopping: bool,
-    /// Why it cannot; null if it can
+    /// Reason why the daemon cannot work; null if it can
     reason: Option<&'static str>,
 }
 
-/// When a watched folder was looked at
+/// Last scan of a watched folder
 #[derive(Debug, Serialize, ToSchema)]
 pub struct WatchedFolder {
-    /// The folder, from the root on
+    /// Path of the folder, from the root
     folder: String,
-    /// When the daemon last looked into it; null if not since its start
+    /// Time of the daemon's last scan of it; null before the first scan since the daemon's start
     last_scan_at: Option<String>,
-    /// Whether the last look ended in time and none hangs
+    /// True if the last scan ended in time and none hangs
     answers: bool,
 }
 
-/// What became of an export
+/// Status of an export
 #[utoipa::path(
     get, path = "/v1/exports/{name}", tag = "Exports", operation_id = "exportStatus",
     params(("name" = String, Path, description = "BLAKE3 of its content, 64 hexadecimal digits, or the name of its file")),
@@ -148,7 +149,7 @@ async fn of_name(shared: &Shared, name: &str) -> Result<Option<ExportStatus>, Re
                 return Ok(Some(found));
             }
         }
-        // an upload from before the start of this process, which no scan has read yet
+        // an upload from before the start of this process, not yet read by a scan
         if let Some(there) = content_in_spool(uploads, name).await? {
             return Ok(Some(of_content(shared, &there).await?.unwrap_or_else(|| waiting(&there))));
         }
@@ -190,13 +191,13 @@ async fn content_in_spool(uploads: &Uploads, name: &str) -> Result<Option<Conten
     let (spool, of) = (uploads.spool.clone(), name.to_owned());
     let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
     Ok(there.map_err(|error| Refusal::internal(&error))?.unwrap_or_else(|error| {
-        // no error of the daemon: a client may send a name that no file can have
+        // not an error of the daemon: a client may send a name that no file can have
         tracing::debug!(name, %error, "an upload that is asked for cannot be read");
         None
     }))
 }
 
-/// Whether the process lives
+/// Liveness of the process
 #[utoipa::path(
     get, path = "/health", tag = "Daemon", operation_id = "health",
     responses((status = 200, description = "It lives", body = Health)),
@@ -211,10 +212,10 @@ const LOOKS_WITHIN: Duration = Duration::from_secs(3);
 /// Lifetime of an answer to [`ready`]. Requests need no token, so frequent ones must cost little.
 const READY_HOLDS: Duration = Duration::from_secs(1);
 
-/// Whether the daemon can work
+/// Readiness of the daemon
 ///
-/// The database answers, uploads can be taken, the disk of the copy for readers answers, and each watched folder is looked
-/// at. The answer holds for a second. It names folders only for a token that may read.
+/// The daemon is ready if the database answers, uploads are possible, the disk of the copy for readers answers, and
+/// each watched folder answers. The answer is valid for a second. It names folders only for a token that may read.
 #[utoipa::path(
     get, path = "/ready", tag = "Daemon", operation_id = "ready",
     responses(

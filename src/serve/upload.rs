@@ -55,9 +55,9 @@ pub struct Wishes {
     supersede: bool,
 }
 
-/// How much of an upload is there
+/// Get the received size of an upload
 ///
-/// In the headers `Upload-Offset` and `Upload-Complete`.
+/// The headers `Upload-Offset` and `Upload-Complete` give it.
 #[utoipa::path(
     head, path = "/v1/exports/{name}", tag = "Exports", operation_id = "uploadOffset",
     params(
@@ -94,7 +94,7 @@ pub async fn offset(
 
 /// Send an export, or a part of one
 ///
-/// 201 says that all bytes are on disk. A part has `Content-Range`, and the answer to it says where the next one begins.
+/// 201 means that all bytes are on disk. A part has `Content-Range`, and its answer gives the start of the next part.
 #[utoipa::path(
     put, path = "/v1/exports/{name}", tag = "Exports", operation_id = "upload",
     params(
@@ -265,8 +265,8 @@ fn declared_content(headers: &HeaderMap) -> Result<Option<ContentHash>, Refusal>
     })
 }
 
-/// Run with this content that a file of this name would have: a run of the robot that the name gives, or of a robot
-/// whose exports are read in the same way.
+/// Run with this content that belongs to the robot in the file name, or to a robot whose exports are read in the same
+/// way.
 async fn known_as(
     store: &Store,
     uploads: &Uploads,
@@ -368,22 +368,22 @@ struct Upload {
     supersede: bool,
 }
 
-/// An upload that is done with
+/// A finished upload
 #[derive(Debug, Serialize, ToSchema)]
 struct Taken {
     /// Name of the file
     name: String,
     /// BLAKE3 of the content, 64 hexadecimal digits
     hash: String,
-    /// Bytes of the content; null where it was stored before
+    /// Bytes of the content; null if it was stored before
     bytes: Option<u64>,
-    /// Whether the content was not here before
+    /// True if the content is new
     new: bool,
-    /// The run that holds it, where there is one
+    /// The run with this content, if there is one
     run_id: Option<i64>,
-    /// Where that run stands, such as complete or quarantined
+    /// Status of that run, such as complete or quarantined
     status: Option<String>,
-    /// Address that says what becomes of it
+    /// Address with the status of its processing
     status_at: String,
 }
 

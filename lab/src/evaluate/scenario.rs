@@ -21,13 +21,13 @@ pub enum Scenario {
     Repair,
     /// Friction of a joint grows from test to test.
     Wear,
-    /// The same by a fraction of itself with every test, up to an increase of 60 %.
+    /// Friction of a joint grows with every test by a fraction of its value, up to an increase of 60 %.
     WearByTest,
     /// Friction of a joint jumps between two tests.
     StepBetween,
     /// Friction of a joint jumps inside a test.
     StepInside,
-    /// The same within one of the first tests.
+    /// Friction of a joint jumps inside one of the first tests.
     StepInBaseline,
     /// The tool differs from that of the first tests.
     Payload,
@@ -65,9 +65,9 @@ pub enum Scenario {
     WearViscous,
     /// The constant and the linear part grow, the curvature does not.
     WearLinear,
-    /// Its hall follows the seasons from 5 to 35 °C.
+    /// The ambient temperature follows the seasons from 5 to 35 °C.
     WideSeason,
-    /// Tests carry no tool, a light one and a heavy one by turns, from the first test on.
+    /// Tests carry no tool, a light one and a heavy one in turn, from the first test.
     ToolPlan,
     /// Tests are driven at several speeds and recorded at several rates.
     Override,
@@ -80,9 +80,9 @@ pub enum Scenario {
 /// The ways to simulate a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Roads {
-    /// As test results.
+    /// Simulates test results.
     Figures,
-    /// As exports.
+    /// Simulates exports.
     Exports,
     /// Both.
     Both,
@@ -228,13 +228,13 @@ impl Scenario {
         self == Self::MixedTests && number % 4 != 3
     }
 
-    /// The part of the heaviest tool that test `number`, from 0, carries where tools change by turns.
+    /// Fraction of the heaviest tool that test `number`, from 0, carries if tools change in turn.
     #[must_use]
     pub fn tool(self, number: usize) -> f64 {
         if self == Self::ToolPlan { [0.0, 0.4, 1.0][number % 3] } else { 0.0 }
     }
 
-    /// Whether it can be simulated as figures of tests.
+    /// Returns true if it can be simulated as test results.
     #[must_use]
     pub fn has_figures(self) -> bool {
         self.row().roads != Roads::Exports

@@ -39,7 +39,7 @@ const WORK_SOURCE: &str = "GET /v1/views/maintenance_log has the numbers in its 
 /// Source of the numbers of quarantined runs.
 const QUARANTINE_SOURCE: &str = "GET /v1/views/quarantine has the numbers in its column run_id";
 
-/// Who does something with an alarm, and why
+/// The person who acts on an alarm, and the reason
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Deed {
@@ -49,9 +49,9 @@ pub struct Deed {
     /// A reason
     #[schema(max_length = 1000)]
     why: Option<String>,
-    /// End of shelve, which lies ahead, of a critical anomaly by at most 90 days
+    /// End of shelve, in the future; for a critical anomaly at most 90 days from now
     until: Option<Timestamp>,
-    /// The person who deals with it from an assign on; absent: nobody
+    /// The person who deals with it after an assign; absent: no one
     #[schema(max_length = 1000)]
     to: Option<String>,
 }
@@ -63,7 +63,7 @@ pub struct Work {
     /// The person, for those who read the history later
     #[schema(min_length = 1, max_length = 1000)]
     who: String,
-    /// What was done
+    /// The completed work
     #[schema(min_length = 1, max_length = 1000, example = "gearbox changed")]
     what: String,
     /// Its joint, from 1; absent: the whole arm
@@ -73,7 +73,7 @@ pub struct Work {
     at: Option<Timestamp>,
 }
 
-/// Work as it is entered
+/// An entry of work
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Entered {
     /// Its number
@@ -85,24 +85,25 @@ pub struct Entered {
     /// When it was done, UTC
     #[schema(format = DateTime)]
     at: String,
-    /// What was done
+    /// The completed work
     what: String,
     /// The person
     who: Option<String>,
 }
 
-/// A retry as it is noted
+/// The answer to a retry or a dismissal
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Noted {
     /// The run in quarantine
     run_id: i64,
-    /// What becomes of it
+    /// The outcome for the run
     outcome: &'static str,
 }
 
 /// Answer an anomaly
 ///
-/// `shelve` needs `until`, and `comment` needs `why`, its text. `comment` and `assign` change no state. The answer is the anomaly as it stands then, a row of the view `anomalies`.
+/// `shelve` needs `until`, and `comment` needs `why`, its text. `comment` and `assign` change no state. The answer is
+/// the anomaly in its new state, a row of the view `anomalies`.
 #[utoipa::path(
     post, path = "/v1/anomalies/{id}/{action}", tag = "Actions", operation_id = "answerAnomaly",
     params(
@@ -179,8 +180,8 @@ async fn anomaly(shared: &Shared, id: i64) -> Result<Json<Option<ViewRow>>, Refu
 
 /// Enter work on a robot
 ///
-/// A new baseline begins. Anomalies of the joint, or without one of the whole robot, that began before and are open,
-/// acknowledged or shelved are in maintenance then.
+/// A new baseline begins. Earlier anomalies that are open, acknowledged or shelved enter maintenance. This applies to
+/// anomalies of the joint or, without a joint, of the whole robot.
 #[utoipa::path(
     post, path = "/v1/robots/{robot}/maintenance", tag = "Actions", operation_id = "enterWork",
     params(("robot" = String, Path, description = "Name of the robot")),
@@ -211,8 +212,8 @@ pub async fn maintenance(
 
 /// Correct an entry of work
 ///
-/// If place or time change, baselines and anomalies are as if the old entry had never been there, and the entry has
-/// another number. Without `at` the time stays as it is.
+/// If the place or the time changes, baselines and anomalies are as if the old entry had never existed. The entry then
+/// has another number. Without `at`, the time does not change.
 #[utoipa::path(
     put, path = "/v1/maintenance/{id}", tag = "Actions", operation_id = "correctWork",
     params(("id" = i64, Path, description = "Its maintenance_id")),
@@ -312,7 +313,7 @@ pub struct Plan {
     /// The person, for those who read the history later
     #[schema(min_length = 1, max_length = 1000)]
     who: String,
-    /// What is to be done
+    /// The planned work
     #[schema(min_length = 1, max_length = 1000, example = "gearbox is changed")]
     what: String,
     /// Its joint, from 1; absent: the whole arm
@@ -324,7 +325,7 @@ pub struct Plan {
     until: Timestamp,
 }
 
-/// A window as it is planned
+/// A planned maintenance window
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Planned {
     /// Its number
@@ -333,8 +334,8 @@ pub struct Planned {
 
 /// Plan a maintenance window
 ///
-/// While it lasts, alarms of its place are in maintenance and no message is sent. Those that go on are open again at
-/// its end. It begins no baseline: enter the work when it is done.
+/// During the window, alarms of its place are in maintenance and no message is sent. Alarms that continue are open
+/// again at its end. The window begins no baseline: enter the work when it is done.
 #[utoipa::path(
     post, path = "/v1/robots/{robot}/windows", tag = "Actions", operation_id = "planWindow",
     params(("robot" = String, Path, description = "Name of the robot")),
@@ -373,7 +374,7 @@ pub async fn plan_window(
 
 /// Delete a maintenance window
 ///
-/// Alarms that it alone holds are open again.
+/// Alarms that are in maintenance only because of this window are open again.
 #[utoipa::path(
     delete, path = "/v1/windows/{id}", tag = "Actions", operation_id = "cancelWindow",
     params(("id" = i64, Path, description = "Its maintenance_window_id")),
@@ -402,7 +403,7 @@ pub async fn cancel_window(
 
 /// Delete an entry of work
 ///
-/// Anomalies that only this entry put into the state maintenance are open again, and the baseline is that of before.
+/// Anomalies that only this entry put into the state maintenance are open again. The earlier baseline applies again.
 #[utoipa::path(
     delete, path = "/v1/maintenance/{id}", tag = "Actions", operation_id = "deleteWork",
     params(("id" = i64, Path, description = "Its maintenance_id")),
@@ -433,7 +434,7 @@ pub async fn delete_maintenance(
 
 /// Dismiss an export in quarantine
 ///
-/// Nothing is to be done about it, for example because it is not an export. A retry takes that back.
+/// The file needs no action, for example because it is not an export. A retry reverses the dismissal.
 #[utoipa::path(
     post, path = "/v1/quarantine/{run_id}/dismiss", tag = "Actions", operation_id = "dismiss",
     params(("run_id" = i64, Path, description = "Its run")),

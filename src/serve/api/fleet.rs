@@ -17,24 +17,24 @@ use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_store::{ResultTable, Store, StoredCounts, ViewRows, time_in_views};
 
-/// Tests of a joint's history.
+/// Number of tests in a joint's history.
 const TESTS: u32 = 30;
 
-/// Most anomalies that are told.
+/// Most anomalies in an answer.
 const ANOMALIES: usize = 200;
 
-/// Most rows of one kind that are read for it.
+/// Most rows of one kind that are read for an answer.
 const MOST: u32 = 100_000;
 
 /// The fleet at a glance
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Fleet {
-    /// Time of the daemon's machine to the full minute, UTC, so that an answer with the same rows is the same
+    /// Time of the daemon's machine to the full minute, UTC, so that the same rows give the same answer
     #[schema(format = DateTime)]
     now: String,
-    /// How many there are
+    /// Numbers of robots, exports, runs, cycles and anomalies
     counts: FleetCounts,
-    /// From which change of friction on a joint is in alarm
+    /// Smallest changes of friction that put a joint in alarm
     limits: FleetLimits,
     /// Robots by name
     robots: Vec<FleetRobot>,
@@ -42,11 +42,11 @@ pub struct Fleet {
     anomalies: Vec<ViewRow>,
     /// Exports that are being read
     live: Vec<LiveExport>,
-    /// Folders in which new exports are found, as the configuration names them
+    /// Folders that the daemon searches for new exports, as the configuration names them
     watched: Vec<String>,
 }
 
-/// How many there are
+/// Numbers of robots, exports, runs, cycles and anomalies
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct FleetCounts {
     /// Robots
@@ -59,7 +59,7 @@ pub struct FleetCounts {
     quarantined_runs: u64,
     /// Cycles
     cycles: u64,
-    /// Open anomalies of all severities: alarms, and what is worth knowing
+    /// Open anomalies of all severities, info included
     open_anomalies: u64,
     /// Open alarms: anomalies of severity warning or critical
     open_alarms: u64,
@@ -67,23 +67,23 @@ pub struct FleetCounts {
     open_infos: u64,
 }
 
-/// From which change of friction on a joint is in alarm
+/// Smallest changes of friction that put a joint in alarm
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct FleetLimits {
-    /// Of a warning, as a fraction
+    /// Limit of a warning, as a fraction
     drift_warning_fraction: f64,
-    /// Of a critical alarm, as a fraction
+    /// Limit of a critical alarm, as a fraction
     drift_critical_fraction: f64,
 }
 
-/// Where a robot stands
+/// State of a robot
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct FleetRobot {
     /// Its name
     robot: String,
     /// Its model
     model: Option<String>,
-    /// The worst of its joints': critical, warning, overdue, unknown, learning or ok
+    /// The worst state of its joints: critical, warning, overdue, unknown, learning or ok
     status: String,
     /// Start of its latest test, UTC
     last_run_at: Option<String>,
@@ -91,7 +91,7 @@ pub struct FleetRobot {
     last_result_at: Option<String>,
     /// When the next test is overdue, UTC
     expected_by: Option<String>,
-    /// Open anomalies of all severities: alarms, and what is worth knowing
+    /// Open anomalies of all severities, info included
     open_anomalies: u64,
     /// Open alarms: anomalies of severity warning or critical
     open_alarms: u64,
@@ -101,30 +101,30 @@ pub struct FleetRobot {
     joints: Vec<FleetJoint>,
 }
 
-/// Where a joint stands, as the view fleet_health has it
+/// State of a joint, from the view fleet_health
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct FleetJoint {
     /// Its number, from 1
     joint: i64,
-    /// critical, warning, overdue, unknown, learning or ok
+    /// Its state: critical, warning, overdue, unknown, learning or ok
     status: String,
     /// Why it is unknown or overdue
     reason: Option<String>,
-    /// Friction against the joint's first tests, 1 is unchanged
+    /// Friction relative to the joint's first tests; 1 is unchanged
     friction_index: Option<f64>,
     /// RMSD over the RMS of the measured torque while the joint moves
     moving_relative_rmsd: Option<f64>,
-    /// Where friction goes: rising, falling or none
+    /// Trend of friction: rising, falling or none
     trend: Option<String>,
-    /// Day by which the limit of a warning is expected
+    /// Day when friction is expected to reach the limit of a warning
     warning_by: Option<String>,
-    /// Day by which the limit of a critical alarm is expected
+    /// Day when friction is expected to reach the limit of a critical alarm
     critical_by: Option<String>,
     /// Open anomalies of the joint and of the whole arm, of all severities
     open_anomalies: u64,
-    /// Those of severity warning or critical, which are alarms
+    /// Open alarms: anomalies of severity warning or critical
     open_alarms: u64,
-    /// Those of severity info, which are worth knowing
+    /// Open anomalies of severity info, which are worth knowing
     open_infos: u64,
     /// Friction indices of its latest 30 tests, the oldest first
     history: Vec<Option<f64>>,
@@ -145,13 +145,13 @@ pub struct LiveExport {
     cycles: u64,
 }
 
-/// What a request asks for.
+/// Parameters of a request.
 #[derive(Debug, Deserialize)]
 pub struct FleetQuery {
     language: Option<String>,
 }
 
-/// What was told last, and of which version of the database.
+/// The latest answer, and the version of the database that it describes.
 #[derive(Debug, Default)]
 pub struct FleetCache(tokio::sync::Mutex<Option<(i64, Fleet)>>);
 
@@ -177,7 +177,7 @@ pub async fn fleet(
     shared.access.check(&headers)?;
     let spoken = asked.language.as_deref().map(language).transpose()?.unwrap_or_default();
     let store = shared.looking().await?;
-    // pages that ask meanwhile wait for this answer, and share it until the database changes
+    // concurrent requests wait for this answer, and share it until the database changes
     let mut kept = kept.0.lock().await;
     let version = store.data_version().await.map_err(|error| Refusal::internal(&error))?;
     let mut fleet = match kept.as_ref().filter(|(of, _)| *of == version) {
@@ -208,7 +208,7 @@ async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
     let counts = async { store.counts().await.map_err(|error| Refusal::internal(&error)) };
     let (counts, read, mut anomalies, live) =
         tokio::try_join!(counts, robot_rows(store), anomalies(store), live(store))?;
-    // before the list is cut, so that all that is told is counted in the same rows
+    // counted before the list is cut, so that all counts use the same rows
     let open = OpenByPlace::of(&anomalies);
     anomalies.truncate(ANOMALIES);
     let robots = robots_with_joints(read, &open);
@@ -231,9 +231,9 @@ async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
 /// Open anomalies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct OpenCounts {
-    /// Of severity warning or critical.
+    /// Anomalies of severity warning or critical.
     alarms: u64,
-    /// Of severity info.
+    /// Anomalies of severity info.
     infos: u64,
 }
 
@@ -271,14 +271,14 @@ impl OpenByPlace {
         of_robot.fold(OpenCounts::default(), |all, open| all.and(*open))
     }
 
-    /// Of the joint and of the whole arm, as the view `fleet_health` counts them.
+    /// Counts of the joint and of the whole arm, as in the view `fleet_health`.
     fn joint(&self, robot: &str, joint: i64) -> OpenCounts {
         let of = |joint: Option<i64>| self.0.get(robot).and_then(|of| of.get(&joint)).copied();
         of(Some(joint)).unwrap_or_default().and(of(None).unwrap_or_default())
     }
 }
 
-/// What is read of robots: their friction indices, the rows of the view `fleet_health`, and their list.
+/// Rows on robots: their friction indices, the rows of the view `fleet_health`, and their list.
 struct RobotRows {
     indices: ResultTable,
     health: Vec<ViewRow>,
@@ -352,7 +352,7 @@ fn histories(table: &ResultTable) -> HashMap<(String, i64), Vec<Option<f64>>> {
     histories
 }
 
-/// A figure of a history with the digits that a line of some pixels shows.
+/// Rounds a value of a history to the digits that are visible in a small chart.
 fn shown(index: f64) -> f64 {
     (index * 1e4).round() / 1e4
 }
@@ -370,7 +370,7 @@ async fn anomalies(store: &Store) -> Result<Vec<ViewRow>, Refusal> {
     Ok(found)
 }
 
-/// Exports of which cycles are being stored.
+/// Exports whose cycles are being stored.
 async fn live(store: &Store) -> Result<Vec<LiveExport>, Refusal> {
     let found = rows(store, "runs", &[("status", "streaming")], Some("started_at")).await?;
     let of = |row: ViewRow| LiveExport {

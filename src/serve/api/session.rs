@@ -18,7 +18,7 @@ use crate::serve::shared::Shared;
 use armwatch_config::shown_database;
 use armwatch_store::time_in_views;
 
-/// The program, and what this request may do
+/// The program, and the permissions of this request
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Session {
     /// Version of the program
@@ -28,19 +28,19 @@ pub struct Session {
     /// Time of the daemon's machine, UTC
     #[schema(format = DateTime)]
     now: String,
-    /// Whether requests need a token
+    /// True if requests need a token
     needs_token: bool,
-    /// Whether this request may read what is stored
+    /// True if this request may read the stored data
     may_read: bool,
-    /// Whether it may answer alarms and enter work
+    /// True if it may answer alarms and enter work
     may_act: bool,
-    /// Whether it may send exports, where uploads are on
+    /// True if uploads are on and it may send exports
     may_upload: bool,
 }
 
-/// The program, and what this request may do
+/// The program, and the permissions of this request
 ///
-/// Answered without a token.
+/// This request needs no token.
 #[utoipa::path(
     get, path = "/v1/session", tag = "Daemon", operation_id = "session",
     responses((status = 200, description = "What this request may do", body = Session)),
@@ -64,14 +64,14 @@ pub async fn session(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> J
 pub struct Login {
     /// The token
     token: String,
-    /// Whether the browser keeps it for 90 days; else until it is closed
+    /// True if the browser keeps it for 90 days; otherwise the browser keeps it until it is closed
     #[serde(default)]
     keep: bool,
 }
 
 /// Log a browser in
 ///
-/// Gives a cookie that scripts cannot read. The browser sends it with each request, in place of the token.
+/// Sets a cookie that scripts cannot read. The browser sends it with each request, in place of the token.
 #[utoipa::path(
     post, path = "/v1/session", tag = "Daemon", operation_id = "logIn",
     request_body = Login,

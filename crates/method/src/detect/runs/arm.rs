@@ -1,13 +1,13 @@
-//! What a run says of the whole arm: inertial parameters and torque signals against the robot's first runs, and which
-//! cause explains them.
+//! Evidence of a run about the whole arm. It compares inertial parameters and torque signals with the robot's first
+//! runs, and finds the cause that explains the differences.
 //!
-//! Inertial parameters do not depend on warmth. A body at the last link changes them along known directions, its mass
-//! and first moments in the first place; a torque channel that reads wrong changes those of its own joint, turns
-//! friction over unevenly or leaves more unexplained. What is left unexplained and is no noise of the channel is the
-//! joint's mechanics, such as play of its gear. What a gain or offset of a torque and an offset of a position do to
-//! the parameters is known from the test motion ([`armwatch_model::analysis::response::ChannelResponse`]), so that each has one
-//! unknown, its size. Every cause has a price for its parameters, and the cause with the least unexplained rest wins
-//! (likelihood ratio with the Schwarz price).
+//! Inertial parameters do not depend on temperature. A body at the last link changes them along known directions,
+//! mainly its mass and first moments. A torque channel that reads wrong changes the parameters of its joint, makes
+//! friction asymmetric or increases the residual. A residual that is not noise of the channel is due to the joint's
+//! mechanics, such as play of its gear. The test motion determines the effect on the parameters of a gain or offset
+//! of a torque and of an offset of a position ([`armwatch_model::analysis::response::ChannelResponse`]). Each of
+//! these faults therefore has one unknown, its size. Every cause has a price for its parameters. The cause with the
+//! smallest residual, price included, wins (likelihood ratio with the Schwarz price).
 
 pub(super) mod cause;
 pub(super) mod baseline;
@@ -36,45 +36,47 @@ use armwatch_model::anomaly::RunSummary;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::robot::JointIndex;
 
-/// Standard errors that a mass must be to be called a load.
+/// Least mass that is a load, in standard errors.
 const MASS_ERRORS: f64 = 5.0;
-/// The same of a load that the run before had.
+/// The same if the run before had a load.
 const MASS_ERRORS_STILL: f64 = 3.0;
 /// Least change of a gain.
 pub(super) const LEAST_GAIN: f64 = 0.02;
 /// Least offset of a position, rad (m).
 pub(super) const LEAST_POSITION_OFFSET: f64 = 0.003;
 
-/// Part of an offset from which on the friction stage shows nearly all of it.
+/// Least part of an offset in the friction stage that counts as nearly all of it.
 const NEARLY_ALL: f64 = 0.75;
-/// Part of an offset beyond which the friction stage does not show it turned round.
+/// Largest part of an offset that the friction stage may show with the opposite sign. A larger part is a true offset
+/// of that sign.
 const MOST_TURNED: f64 = 0.2;
 
-/// Part of a run's change that a fault of the run before explains, where it goes on although another cause is likelier now.
+/// Least part of a run's change that a fault of the run before must explain to continue although another cause is
+/// likelier now.
 const MOST_EXPLAINED: f64 = 0.5;
 
-/// The causes of a run, each with its cost in units of chi², the least first.
+/// The causes of a run, each with its cost in units of chi², the smallest cost first.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ArmEvidence {
-    /// Least advantage over none of a cause that is clear, in units of chi².
+    /// Least advantage of a clear cause over no cause, in units of chi².
     pub(super) least_advantage: f64,
     pub(super) causes: Vec<(ArmCause, f64)>,
 }
 
 impl ArmEvidence {
-    /// The cause, where it is clear.
+    /// The cause, if it is clear.
     pub(super) fn clear(&self) -> ArmCause {
         self.at_least(self.least_advantage, MASS_ERRORS)
     }
 
-    /// The cause, where it is still the likeliest of a run after one that had it.
+    /// The cause, if it is still the likeliest after a run that had it.
     pub(super) fn still(&self) -> ArmCause {
         self.at_least(0.5 * self.least_advantage, MASS_ERRORS_STILL)
     }
 
-    /// The fault of a run after one with the fault `before`: a clear one, or still the same. If an unknown change is added, a
-    /// known fault continues as long as it explains most. A mechanical fault does not become an offset of the torque signal
-    /// that the friction stage does not show.
+    /// The fault of a run after a run with the fault `before`: a clear one, or still the same. If an unknown change
+    /// is added, a known fault continues as long as it explains most of the change. A mechanical fault does not
+    /// become an offset of the torque signal that the friction stage does not show.
     fn after(&self, before: ArmCause) -> ArmCause {
         let still = self.still();
         if still.is_same_fault(&before) {
@@ -111,7 +113,7 @@ impl ArmEvidence {
         }
     }
 
-    /// How much less than without a cause is left unexplained, in units of chi².
+    /// Decrease of the residual compared with no cause, in units of chi².
     pub(super) fn advantage(&self) -> f64 {
         advantage_of(&self.causes)
     }
@@ -126,7 +128,7 @@ impl ArmEvidence {
     }
 }
 
-/// The fault of each run, as alarms are told of it; `None` for runs without evidence.
+/// The fault of each run, as alarms report it; `None` for runs without evidence.
 pub(super) fn faults(evidence: &[Option<ArmEvidence>]) -> Vec<Option<ArmCause>> {
     let mut before = ArmCause::None;
     let one = |of: &Option<ArmEvidence>| {
@@ -145,13 +147,13 @@ fn advantage_of(causes: &[(ArmCause, f64)]) -> f64 {
     }
 }
 
-/// Advantage of a cause over none, in units of chi², that is clear at the rate of false alarms that is asked for.
+/// Least advantage of a clear cause over no cause at the required rate of false alarms, in units of chi².
 pub(super) fn least_advantage(history: &[RunSummary], settings: &DetectSettings) -> f64 {
     2.0 * (ARM_MARGIN + advantage(settings, history))
 }
 
-/// The evidence of each run, `None` before there is a baseline and for runs without figures. A run is compared with the first
-/// runs of like length. `least` is the [`least_advantage`] of a clear cause.
+/// The evidence of each run; `None` before there is a baseline and for runs without figures. The baseline of a run
+/// consists of the first runs of similar length. `least` is the [`least_advantage`] of a clear cause.
 pub(super) fn arm_evidence(
     history: &[RunSummary],
     joints: usize,
@@ -172,14 +174,14 @@ pub(super) fn arm_evidence(
     found
 }
 
-/// How parameters answer to channels that read wrong, by the first of the tests that are compared with each other that
-/// says it: the others say the same but for the motion's own scatter.
+/// Response of the parameters to channels that read wrong. The first test with a response supplies it. Those of the
+/// other tests differ only by the scatter of the motion.
 pub(super) fn response_of(history: &[RunSummary]) -> Option<&ChannelResponse> {
     history.iter().find_map(|run| run.response.as_deref())
 }
 
-/// Places of the latest tests of like length until the one at `at`, this included, in whose mean a change is looked for.
-/// Empty where that test has no parameters.
+/// Places of the latest tests of similar length up to and including the one at `at`. The search for a change uses
+/// their mean. Empty if that test has no parameters.
 pub(super) fn together(runs: &[&RunSummary], at: usize) -> Vec<usize> {
     let has_parameters = |place: &usize| has_parameters(runs[*place]);
     if !has_parameters(&at) {
@@ -190,7 +192,7 @@ pub(super) fn together(runs: &[&RunSummary], at: usize) -> Vec<usize> {
     found
 }
 
-/// What is usual of an arm in tests of like length.
+/// Usual values of an arm in tests of similar length.
 #[derive(Debug)]
 pub(super) struct UsualArm {
     baseline: Baseline,
@@ -198,7 +200,7 @@ pub(super) struct UsualArm {
 }
 
 impl UsualArm {
-    /// Of these tests, oldest first, of which the first [`Self::tests`] have a part in it.
+    /// Usual values from these tests, oldest first. Only the first [`Self::tests`] contribute.
     pub(super) fn of(
         history: &[&RunSummary],
         response: Option<&ChannelResponse>,
@@ -208,17 +210,17 @@ impl UsualArm {
         Self { baseline: Baseline::of(history, response, joints, baseline_runs), joints }
     }
 
-    /// How many of these tests, from the first on, say what is usual.
+    /// Number of these tests, from the first on, that define the usual values.
     pub(super) fn tests(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> usize {
         Baseline::tests(history, joints, baseline_runs)
     }
 
-    /// How the parameters of a test differ from the usual ones; `None` where it lacks one.
+    /// Difference of the parameters of a test from the usual ones; `None` if the test lacks a parameter.
     pub(super) fn change(&self, run: &RunSummary) -> Option<DVector<f64>> {
         self.baseline.change(run)
     }
 
-    /// What a test shows. `changes` are those of the latest tests until this one, the last of them its own.
+    /// Judges a test. `changes` are those of the latest tests up to this one; the last is the change of this test.
     pub(super) fn judge(&self, run: &RunSummary, changes: Vec<Option<&DVector<f64>>>) -> ArmJudgement {
         let widened = self.baseline.widened(run);
         let (baseline, changes): (&Baseline, Vec<Option<DVector<f64>>>) = match &widened {
@@ -238,19 +240,19 @@ impl UsualArm {
     }
 }
 
-/// What a test shows of the arm, whatever the rate of false alarms.
+/// Judgement of the arm from one test, at any rate of false alarms.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct ArmJudgement {
-    /// Causes of what the test shows by itself with their costs, the least first; empty where none can be clear, `None`
-    /// without figures.
+    /// Causes from the evidence of this test alone, with their costs, the smallest first. Empty if no cause can be
+    /// clear, `None` without figures.
     pub(super) plain: Option<Vec<(ArmCause, f64)>>,
-    /// The same of means of this test and ones before it, where these change as one fault changes them: by how much more
-    /// than otherwise, and the causes. Means of the fewest tests come first.
+    /// The same for means of this test and earlier ones, if one fault explains their changes together. Each entry has
+    /// the advantage over separate changes, and the causes. Means of the fewest tests are first.
     pub(super) together: Vec<(f64, Vec<(ArmCause, f64)>)>,
 }
 
 impl ArmJudgement {
-    /// The evidence where a clear cause has the advantage `least`.
+    /// The evidence, if a clear cause needs the advantage `least`.
     pub(super) fn at_least(self, least: f64) -> Option<ArmEvidence> {
         let counts = |ratio: f64| ratio >= least + CHANNEL_PRICE + PARAMETER_PRICE;
         let together = self.together.into_iter().find(|(ratio, _)| counts(*ratio));
@@ -259,7 +261,7 @@ impl ArmJudgement {
     }
 }
 
-/// Causes with their costs, the least first; empty where none can be clear.
+/// Causes with their costs, the smallest first; empty if no cause can be clear.
 fn costs(
     run: &RunSummary,
     change: Option<&Change>,
@@ -267,7 +269,7 @@ fn costs(
     joints: usize,
 ) -> Option<Vec<(ArmCause, f64)>> {
     let signals: Vec<Signal> = (0..joints).map(|j| signal(run, baseline, JointIndex::new(j))).collect();
-    // an unexplained rest alone has many causes
+    // a residual alone has many causes
     if change.is_none() && run.cycle_friction.is_empty() {
         return None;
     }
@@ -291,15 +293,15 @@ fn costs(
         let own = &signals[joint.index()];
         let rest = match change.filter(|_| inertial > 0.0) {
             None => 0.0,
-            // a constant torque is seen in the friction stage, and goes into whatever parameters it fits; a large one takes
-            // the joint's weight, which moves them by what the other joints say
+            // the friction stage shows a constant torque, and any parameters that fit it absorb it; a large one
+            // absorbs the joint's weight, which then moves them by amounts that depend on the other joints
             Some(change) if own.offset.1 > 0.0 => {
                 offset_rest(change, joint, baseline).min(price_of_any(change, |_| true, baseline))
             }
             Some(_) => (elsewhere - PATTERN_ERROR).max(0.0) * inertial,
         };
         let silent = if own.cost() > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
-        // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
+        // a torque that reads wrong also spoils the fit of the joint before, but less than the fit of the same joint
         let part = |other: usize| match is_near(JointIndex::new(other), joint) {
             true if signals[other].unexplained.0 < own.ratio() => 0.0,
             _ => 1.0,
@@ -321,19 +323,20 @@ fn costs(
         channels.into_iter().for_each(|of| add_channel(&mut causes, of));
     }
     causes.extend(noise_of_all(change, &signals, baseline));
-    // what the arm has become adds no constant to the torque of a joint, but in another posture than is believed
+    // a change of the arm adds no constant to the torque of a joint, unless the actual posture differs from the
+    // assumed one
     let offsets: f64 = signals.iter().map(|of| of.offset.1).sum();
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE + offsets.min(MOST_FOR_OFFSETS)));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // less than half of what any rate of false alarms asks for
+    // this limit is below half the least advantage at any rate of false alarms
     if advantage_of(&causes) < ARM_MARGIN {
         causes.clear();
     }
     Some(causes)
 }
 
-/// Noise of most torque signals, such as of a supply or a ground, with its cost; `None` where fewer have more noise. The
-/// parameters may move anywhere, since the rows know them badly.
+/// Noise of most torque signals, such as from a supply or a ground, with its cost; `None` if fewer signals have more
+/// noise. The parameters may have any values, since the rows determine them badly.
 fn noise_of_all(change: Option<&Change>, signals: &[Signal], baseline: &Baseline) -> Option<(ArmCause, f64)> {
     let ratios: Vec<f64> =
         signals.iter().filter(|of| of.noise_cost() > 0.0).filter_map(Signal::noise_ratio).collect();
@@ -346,9 +349,9 @@ fn noise_of_all(change: Option<&Change>, signals: &[Signal], baseline: &Baseline
     Some((ArmCause::NoiseOfAll(ratio.exp()), rest + others + 4.0 * PARAMETER_PRICE))
 }
 
-/// Adds a fault of a channel. An offset of a torque that the friction stage shows as well is one cause with it: at the lower
-/// cost, and of the size that explains the rest of the test, where there is one. The friction stage sees a part of an offset,
-/// since the cycle's parameters have taken some of it.
+/// Adds a fault of a channel. If the friction stage shows the same offset of a torque, both are one cause. It has the
+/// lower cost and the size that explains the rest of the test, if there is one. The friction stage shows a part of an
+/// offset, since the cycle's parameters have absorbed some of it.
 fn add_channel(causes: &mut Vec<(ArmCause, f64)>, (cause, cost): (ArmCause, f64)) {
     let offset_of = |of: &ArmCause| match of {
         ArmCause::TorqueSignal { joint, fault: SignalFault::Offset(_) } => Some(*joint),
@@ -365,8 +368,8 @@ fn add_channel(causes: &mut Vec<(ArmCause, f64)>, (cause, cost): (ArmCause, f64)
     }
 }
 
-/// Whether an offset that the friction stage shows is nearer the truth than the one that explains the rest of the test: where
-/// it is nearly all of that, or has clearly the other sign.
+/// True if the offset in the friction stage is nearer the truth than the one that explains the rest of the test. This
+/// is so if it is nearly all of that offset, or clearly has the opposite sign.
 fn is_measured(seen: ArmCause, whole: ArmCause) -> bool {
     let size = |of: ArmCause| match of {
         ArmCause::TorqueSignal { fault: SignalFault::Offset(size), .. } => Some(size),
@@ -376,13 +379,13 @@ fn is_measured(seen: ArmCause, whole: ArmCause) -> bool {
     part.is_some_and(|part| !(-MOST_TURNED..NEARLY_ALL).contains(&part))
 }
 
-/// Price of a change that says nothing of how the parameters near a joint move.
+/// Price of a change that does not predict how the parameters near a joint move.
 fn moved_anywhere(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
     price_of_any(change, |of| is_near(of, joint), baseline)
 }
 
-/// Price of a change that says nothing of how the parameters of some joints move, in units of chi²: of normal ones with the
-/// variance that they show.
+/// Price of a change that does not predict how the parameters of some joints move, in units of chi². It assumes
+/// normally distributed deviations with the variance that they show.
 fn price_of_any(change: &Change, of: impl Fn(JointIndex) -> bool, baseline: &Baseline) -> f64 {
     let all = baseline.parameters.iter().zip(change.deviations.iter());
     let near: Vec<f64> = all.filter(|((id, ..), _)| of(id.joint)).map(|(_, x)| x * x).collect();
@@ -390,14 +393,14 @@ fn price_of_any(change: &Change, of: impl Fn(JointIndex) -> bool, baseline: &Bas
     if change.square > 0.0 { near.len() as f64 * variance.max(1.0).ln() } else { 0.0 }
 }
 
-/// Whether the parameters of `of` are among those that a wrong torque signal of `joint` changes: its own, and those of
-/// the joint before it, whose torque has most of the same columns.
+/// True if a wrong torque signal of `joint` changes the parameters of `of`. It changes those of its joint and of the
+/// joint before, since the torque of that joint has most of the same columns.
 fn is_near(of: JointIndex, joint: JointIndex) -> bool {
     of == joint || of.index() + 1 == joint.index()
 }
 
-/// The body at the last link that explains most of a change, and the part of its square that it leaves; generalised least
-/// squares with a wide prior.
+/// The body at the last link that explains most of a change, and the part of the change's square that it does not
+/// explain. The method is generalised least squares with a wide prior.
 fn load(change: &Change, baseline: &Baseline) -> Option<(Load, f64)> {
     let Change { deviations, scale, .. } = change;
     let of_load = |i: usize, k: usize| baseline.parameters[i].2[k] * scale / baseline.deviation(i);
@@ -426,7 +429,7 @@ mod tests {
             add_channel(&mut causes, (of(whole), 30.0));
             causes[1]
         };
-        // nearly all, the other sign, a part of it, and a little of it turned round
+        // nearly all, the opposite sign, a part of it, and a little of it with the opposite sign
         assert_eq!(merged(1.9, 2.0), (of(1.9), 30.0));
         assert_eq!(merged(2.9, -4.3), (of(2.9), 30.0));
         assert_eq!(merged(0.5, 2.0), (of(2.0), 30.0));

@@ -1,5 +1,5 @@
-//! Causes told apart on histories that are made up from their definitions: an arm of six joints whose friction warms,
-//! in a hall that changes, with parameters that vary from run to run.
+//! Causes are distinguished on made-up histories. The friction of the arm's six joints falls as the arm warms. The
+//! ambient temperature changes, and the parameters vary from run to run.
 
 use std::cell::Cell;
 use std::sync::Arc;
@@ -36,10 +36,10 @@ impl Noise {
     }
 }
 
-/// What is wrong with the arm in a run.
+/// The faults of the arm in a run.
 #[derive(Clone, Copy, Default)]
 pub(super) struct State {
-    /// Logarithm of friction beyond the usual, by joint and cycle.
+    /// Logarithm of the excess friction by joint and cycle.
     pub(super) friction: Option<fn(usize, u32) -> f64>,
     /// Scatter of the friction of a joint from cycle to cycle.
     pub(super) swing: Option<(usize, f64)>,
@@ -51,16 +51,16 @@ pub(super) struct State {
     pub(super) offset: Option<(usize, f64)>,
     /// Unexplained torque of a joint as a multiple of the usual.
     pub(super) unexplained: Option<(usize, f64)>,
-    /// Noise of the torque signals, half of the unexplained torque usually, and by how much that of a joint is larger; `None`
-    /// where it is not measured.
+    /// Joint and noise of its torque signal as a multiple of the usual; `None` if noise is not measured. Noise is
+    /// usually half of the unexplained torque.
     pub(super) noise: Option<(usize, f64)>,
     /// Load, kg.
     pub(super) mass: f64,
-    /// Logarithm of friction of all joints at the start, as a hall has it.
+    /// Logarithm of the friction of all joints at the start, due to the ambient temperature.
     pub(super) hall: f64,
 }
 
-/// Daily tests; `state` says what is wrong in each.
+/// Daily tests; `state` gives the faults in each.
 pub(super) fn fleet(runs: i64, seed: u64, state: impl Fn(i64) -> State) -> Vec<RunSummary> {
     let noise = Noise(Cell::new(seed));
     (0..runs).map(|run| test(run, &noise, state(run))).collect()
@@ -123,8 +123,8 @@ fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
     }
 }
 
-/// Parameters of links 2 to 6, of which the last link's mass and first moments are parts; a point mass 0.1 m above the
-/// last frame.
+/// Parameters of links 2 to 6. They contain the last link's mass and first moments. The load is a point mass 0.1 m
+/// above the last frame.
 fn parameters(noise: &Noise, mass: f64) -> Vec<RunParameter> {
     let last = JointIndex::new(JOINTS - 1);
     let of_last = |place: u8| ParameterId { joint: last, kind: ParameterKind::Inertial(place) };
@@ -156,7 +156,7 @@ pub(super) fn alarms(history: &[RunSummary]) -> Vec<Anomaly> {
     found.into_iter().filter(|of| of.severity > Severity::Info).collect()
 }
 
-/// The only alarm, by kind and joint number.
+/// The only alarm; checks its kind and joint number.
 pub(super) fn only(history: &[RunSummary], kind: AnomalyKind, joint: Option<usize>) -> Anomaly {
     let found = alarms(history);
     let [alarm] = &found[..] else { panic!("one alarm: {found:#?}") };
@@ -170,7 +170,7 @@ fn healthy_arms_in_a_changing_hall_raise_nothing() {
     for seed in 1..=6 {
         let season = |run: i64| State { hall: 0.06 * (run as f64 / 9.0).sin(), ..State::default() };
         let history = fleet(60, seed, season);
-        // whatever the number of runs that is known
+        // for any number of known runs
         for runs in [1, 2, 3, 4, 5, 6, 8, 12, 25, 60] {
             assert_eq!(alarms(&history[..runs]), vec![], "seed {seed}, {runs} runs");
         }
@@ -204,7 +204,8 @@ fn a_step_inside_a_run_is_found_in_that_run_with_its_cycle() {
     }
 }
 
-/// A joint that is watched by its warm friction: inside the test that jumps there is only a ratio, in later tests a torque.
+/// The detector watches the warm friction of the joint. Only a ratio is known inside the test that jumps; a torque is
+/// known in later tests.
 #[test]
 fn a_step_of_warm_friction_is_a_ratio_inside_its_test_and_a_torque_after_it() {
     let step = |joint: usize, cycle: u32| if joint == 1 && cycle >= 5 { 0.22 } else { 0.0 };
@@ -333,7 +334,7 @@ fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
     assert!(rejects(&found, "no change") && rejects(&found, "another warmth at the start"), "{found:?}");
 }
 
-/// Whether an alarm has odds, and these words among the causes that are much less likely.
+/// Returns true if an alarm has odds and lists `words` among its much less likely causes.
 fn rejects(alarm: &Anomaly, words: &str) -> bool {
     let rejected = |of: &Alternative| of.cause == words && of.odds < 0.01;
     alarm.odds.is_some_and(|odds| odds > 100.0) && alarm.alternatives.iter().any(rejected)
@@ -379,7 +380,7 @@ fn a_load_in_the_first_tests_hides_no_later_one() {
     }
 }
 
-/// What changes while the baseline is learnt, and stays so, is told with its own sign and from its first test on.
+/// A lasting change during the learning of the baseline is reported with its own sign and from its first test.
 #[test]
 fn faults_from_the_third_test_on_are_no_part_of_the_baseline() {
     for (seed, size) in (1..=4).zip([0.8, -0.5, 3.0, 0.8]) {
@@ -409,7 +410,7 @@ fn faults_from_the_third_test_on_are_no_part_of_the_baseline() {
 
 #[test]
 fn friction_that_differs_between_the_directions_may_fall_as_a_whole() {
-    // a fifth less friction, and with it a fifth less of the difference, which no torque signal has
+    // friction falls by a fifth, and so does the difference between the directions; no torque signal causes this
     let repaired = |run: i64| State {
         friction: (run >= 7).then_some(|joint, _| if joint == 2 { -0.22 } else { 0.0 }),
         offset: Some((2, if run >= 7 { 1.6 } else { 2.0 })),
@@ -419,7 +420,7 @@ fn friction_that_differs_between_the_directions_may_fall_as_a_whole() {
         let found = detect(&fleet(11, seed, repaired), &DetectSettings::default()).anomalies;
         assert!(found.iter().all(|of| of.kind == AnomalyKind::Step), "{seed}: {found:#?}");
     }
-    // what the signal has on top of it is found
+    // an additional offset of the signal is found
     let offset = |run: i64| State { offset: Some((2, if run >= 7 { 3.0 } else { 2.0 })), ..State::default() };
     only(&fleet(11, 1, offset), AnomalyKind::Sensor, Some(3));
 }
@@ -429,7 +430,7 @@ fn a_load_whose_mass_no_joint_carries_is_a_load_without_a_mass() {
     let state = |run: i64| State { mass: if run >= 7 { 0.8 } else { 0.0 }, ..State::default() };
     let mut history = fleet(9, 7, state);
     for (run, of) in (0..).zip(&mut history) {
-        // the last axis is vertical: its link's first moments across it alone
+        // the last axis is vertical, so only its link's first moments across it are identified
         of.parameters.retain(|of| of.id.joint.index() == JOINTS - 1);
         for (parameter, sign) in of.parameters.iter_mut().zip([-1.0, 1.0, 0.0]) {
             let is_mass = |id: ParameterId| id.kind == ParameterKind::Inertial(MASS);
@@ -443,7 +444,7 @@ fn a_load_whose_mass_no_joint_carries_is_a_load_without_a_mass() {
     assert!(found.message.contains("do not show its mass"), "{found:?}");
 }
 
-/// Where it is known that a constant torque moves no parameter, it cannot be why they moved.
+/// A constant torque that moves no parameter cannot explain a change of the parameters.
 #[test]
 fn an_offset_of_a_torque_does_not_excuse_a_load() {
     let state = |run: i64| match run {
@@ -474,8 +475,9 @@ fn an_offset_of_a_torque_does_not_excuse_a_load() {
     assert!((found.value / 0.8 - 1.0).abs() < 0.15, "{found:?}");
 }
 
-/// An answer of the parameters as least squares with weights have it: the more a fault leaves of a joint's torque, the less
-/// do that joint's own parameters move. `change` and `left`, a fraction of the torque, are by unit of the fault's size.
+/// Sets the response of the parameters as weighted least squares give it. A fault that leaves more of a joint's torque
+/// unexplained moves that joint's own parameters less. `change` and `left`, a fraction of the torque, are per unit of
+/// the fault's size.
 fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
     let parameters: Vec<ParameterId> = history[0].parameters.iter().map(|of| of.id).collect();
     let of_strength = |(strength, times): (usize, f64)| FaultResponse {
@@ -496,8 +498,9 @@ fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change
     }
 }
 
-/// An offset of 2 Nm that goes into the parameters: the friction stage shows 0.1 Nm of it, less than 3 % of friction, and the
-/// model leaves ten times as much unexplained as usual. Play leaves as much and turns friction over evenly.
+/// An offset of 2 Nm moves the parameters. The friction stage shows 0.1 Nm of it, less than 3 % of friction. The model
+/// leaves ten times as much torque unexplained as usual. Play leaves as much and changes friction equally in both
+/// directions.
 #[test]
 fn an_offset_that_goes_into_the_parameters_is_told_from_play() {
     let state = |offset: f64| {
@@ -513,7 +516,7 @@ fn an_offset_that_goes_into_the_parameters_is_told_from_play() {
     };
     for size in [2.0, -2.0] {
         let mut history = fleet(9, 13, state(0.05 * size));
-        // 0.02 Nm (N) a unit of torque is usual
+        // the usual unexplained torque is 0.02 Nm (N) per unit of torque
         answers(&mut history, 3, ChannelFault::TorqueOffset, 0.8, 0.1);
         for (run, of) in (0..).zip(&mut history) {
             let moved = if run >= 7 { 0.8 * size / 101.0 } else { 0.0 };
@@ -530,8 +533,8 @@ fn an_offset_that_goes_into_the_parameters_is_told_from_play() {
     assert_eq!(found.quantity, Quantity::UnexplainedTorque);
 }
 
-/// A gain of 6 % that moves the parameters along its own direction and leaves three times as much of the joint's torque
-/// unexplained as usual, which no noise accounts for.
+/// A gain of 6 % moves the parameters along its own direction. It leaves three times as much of the joint's torque
+/// unexplained as usual, and noise does not explain that.
 #[test]
 fn a_gain_that_leaves_torque_unexplained_is_no_play() {
     let rest = 10.0_f64.sqrt();
@@ -571,7 +574,7 @@ fn a_torque_signal_that_reads_wrong_is_named_and_no_other_joint_is() {
 
 #[test]
 fn play_is_told_from_noise_and_both_at_once_are_one_of_them() {
-    // half of the unexplained torque is noise: four times as much makes it 2.2 times
+    // noise is half of the unexplained torque: four times the noise makes the unexplained torque 2.2 times as large
     let with = |noise: f64, unexplained: f64| {
         move |run: i64| {
             let [noise, unexplained] = if run >= 7 { [noise, unexplained] } else { [1.0, 1.0] };
@@ -583,7 +586,7 @@ fn play_is_told_from_noise_and_both_at_once_are_one_of_them() {
     let loose = only(&fleet(9, 9, with(1.0, 3.0)), AnomalyKind::Accuracy, Some(4));
     assert_eq!(loose.quantity, Quantity::UnexplainedTorque);
     assert!((loose.value / 3.0 - 1.0).abs() < 0.1 && loose.message.contains("play"), "{loose:?}");
-    // more than the model may miss, by either: told once
+    // either is more than the model may leave unexplained: reported once
     only(&fleet(9, 9, with(1.0, 9.0)), AnomalyKind::Accuracy, Some(4));
     only(&fleet(9, 9, with(9.0, 9.0)), AnomalyKind::Accuracy, Some(4));
     assert_eq!(alarms(&fleet(40, 11, with(1.0, 1.0))), vec![]);
@@ -601,7 +604,7 @@ fn noise_that_the_first_tests_did_not_measure_is_not_known() {
     only(&history, AnomalyKind::Sensor, Some(4));
 }
 
-/// A short check of the same arm: one cold cycle, whose parameters are off by more than chance makes of whole tests.
+/// A short check of the same arm: one cold cycle. Its parameters deviate more than the scatter of whole tests explains.
 fn check(mut run: RunSummary, noise: &Noise) -> RunSummary {
     run.cycles = 1;
     run.cycle_friction.retain(|of| of.cycle == 1);
@@ -622,7 +625,7 @@ fn short_checks_between_whole_tests_raise_nothing_and_show_a_load() {
         let noise = Noise(Cell::new(100 + seed));
         let loaded = |run: i64| State { mass: if run >= 30 { 3.0 } else { 0.0 }, ..State::default() };
         let runs = fleet(40, seed, loaded).into_iter().enumerate();
-        // whole tests first, then one after each three checks
+        // whole tests first, then one after every three checks
         let is_whole = |place: usize| place < 6 || place.is_multiple_of(4);
         let history: Vec<RunSummary> =
             runs.map(|(place, run)| if is_whole(place) { run } else { check(run, &noise) }).collect();

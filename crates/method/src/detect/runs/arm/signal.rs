@@ -1,4 +1,5 @@
-//! The torque signal of a joint in one run: what of it is not as usual, and what may be wrong with the joint itself.
+//! The torque signal of a joint in one run: its differences from the usual signal, and the possible faults of the
+//! joint itself.
 
 use super::baseline::{
     Baseline, LEAST_NOISE_RATIO, LEAST_OFFSET, LEAST_RMSD_RATIO, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS, Usual,
@@ -10,19 +11,19 @@ use crate::statistics::descriptive::mean;
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Least noise that is judged, as a fraction of the usual torque.
+/// Least noise that can count, as a fraction of the usual torque.
 const LEAST_NOISE: f64 = 0.002;
 
 /// A joint's torque signal in one run.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Signal {
-    /// Offset beyond the usual, Nm (N), and chi² of it where it counts.
+    /// Offset beyond the usual one, Nm (N), and its chi² (0 if it does not count).
     pub(super) offset: (f64, f64),
-    /// The offset beyond the usual in standard deviations, whether it counts or not.
+    /// The offset beyond the usual one in standard deviations, even if it does not count.
     offset_deviations: f64,
-    /// Unexplained rest as a multiple of what is expected at the channel's noise, and chi² of it where it counts.
+    /// Residual as a multiple of the expected one at the channel's noise, and its chi² (0 if it does not count).
     pub(super) unexplained: (f64, f64),
-    /// Noise as a multiple of the usual, and chi² of it where it counts; `None` where it is not known.
+    /// Noise as a multiple of the usual one, and its chi² (0 if it does not count); `None` if it is unknown.
     noise: Option<(f64, f64)>,
 }
 
@@ -31,12 +32,12 @@ impl Signal {
         self.noise.map_or(0.0, |(_, cost)| cost)
     }
 
-    /// Noise as a multiple of the usual; `None` if it is unknown.
+    /// Noise as a multiple of the usual one; `None` if it is unknown.
     pub(super) fn noise_ratio(&self) -> Option<f64> {
         self.noise.map(|(ratio, _)| ratio)
     }
 
-    /// Whether the friction stage shows an offset, however small against friction.
+    /// True if the friction stage shows an offset, even one that is small compared with friction.
     pub(super) fn shows_offset(&self) -> bool {
         self.offset_deviations.abs() >= SIGNAL_DEVIATIONS
     }
@@ -45,18 +46,18 @@ impl Signal {
         self.offset.1 + self.unexplained.1 + self.noise_cost()
     }
 
-    /// How far the torque is from what it was, noise or not.
+    /// Ratio of the torque's noise or residual to its usual value, the larger of the two.
     pub(super) fn ratio(&self) -> f64 {
         self.noise.map_or(self.unexplained.0, |(ratio, _)| ratio.max(self.unexplained.0))
     }
 }
 
-/// That of a joint in a run.
+/// The torque signal of a joint in a run.
 pub(super) fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> Signal {
     let mut found = Signal::default();
     if let (Some(usual), Some(offset)) = (baseline.offsets[joint.index()], mean(&offsets(run, joint))) {
         let friction = friction(run, joint).unwrap_or(0.0);
-        // what differs between the directions is a part of friction or none: it may have grown with it
+        // a difference between the directions is possibly a part of friction: it may have grown with friction
         let grown = baseline.friction[joint.index()].map_or(1.0, |usual| friction / usual) * usual.value;
         let expected = offset.clamp(usual.value.min(grown), usual.value.max(grown));
         let beyond = offset - expected;
@@ -79,14 +80,16 @@ pub(super) fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -
 }
 
 impl Usual {
-    /// Ratio of a relative RMSD to this one, whose logarithm this is, and chi² of it where it counts.
+    /// Ratio of a relative RMSD to the usual one, and its chi² (0 if it does not count). `self` contains the
+    /// logarithm of the usual RMSD.
     pub(super) fn excess_of_rmsd(&self, rmsd: f64) -> (f64, f64) {
         let (ratio, deviations) = ((rmsd.ln() - self.value).exp(), self.deviations(rmsd.ln()));
         let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_RMSD_RATIO;
         (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 })
     }
 
-    /// Ratio of a channel's noise to this one, whose logarithm this is, and chi² of it where it counts.
+    /// Ratio of a channel's noise to the usual one, and its chi² (0 if it does not count). `self` contains the
+    /// logarithm of the usual noise.
     fn excess_of_noise(&self, noise: f64) -> (f64, f64) {
         let (ratio, deviations) = ((noise.ln() - self.value).exp(), self.deviations(noise.ln()));
         let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_NOISE_RATIO && noise >= LEAST_NOISE;
@@ -94,7 +97,8 @@ impl Usual {
     }
 }
 
-/// What may be wrong with a joint itself, each with what it leaves of its own figures, in units of chi².
+/// Possible faults of a joint itself. Each has the part of the joint's figures that it does not explain, in units of
+/// chi².
 pub(super) fn own_causes(
     signal: &Signal,
     run: &RunSummary,
@@ -119,14 +123,14 @@ pub(super) fn own_causes(
         None if rest > 0.0 => found.push((of_signal(SignalFault::Noise(ratio)), 0.0)),
         None => {}
     }
-    // where it is known what a gain does, that is looked for by its direction
+    // if the effect of a gain is known, the search along its direction covers it
     if found.is_empty() && baseline.directions.is_empty() {
         found.push((of_signal(SignalFault::Gain(own_gain(run, baseline, joint))), 0.0));
     }
     found
 }
 
-/// By which fraction the joint's own parameters have changed: least squares against their usual values.
+/// Relative change of the joint's parameters: least squares against their usual values.
 fn own_gain(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> f64 {
     let (mut with, mut own) = (0.0, 0.0);
     for (id, usual, _) in baseline.parameters.iter().filter(|(id, ..)| id.joint == joint) {

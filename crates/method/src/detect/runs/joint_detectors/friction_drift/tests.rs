@@ -19,7 +19,7 @@ fn wear_is_found_once_names_the_joint_and_grows_worse() {
     assert_eq!((anomaly.kind, anomaly.joint.expect("one").number()), (AnomalyKind::Drift, 3));
     assert_eq!(anomaly.severity, Severity::Critical);
     assert!(!anomaly.ended);
-    // 3 % a run from the ninth run on: 5 % is passed at the earliest with the tenth
+    // 3 % a run from the ninth run: the tenth is the earliest that passes 5 %
     assert!((10..=13).contains(&anomaly.first_run_id), "{}", anomaly.first_run_id);
     assert_eq!(anomaly.last_run_id, 20);
     assert!(anomaly.message.contains("joint 3"));
@@ -54,7 +54,7 @@ fn with_index(mut runs: Vec<RunSummary>, index: impl Fn(usize) -> Option<(f64, f
     runs
 }
 
-/// What the words say of the beginning has the sign of what they say of the level.
+/// The message gives the beginning and the level the same sign.
 #[test]
 fn friction_that_jumps_up_and_falls_below_its_baseline_is_told_with_the_sign_of_each() {
     let up_and_down = |i: usize| match i {
@@ -77,7 +77,7 @@ fn friction_that_jumps_up_and_falls_below_its_baseline_is_told_with_the_sign_of_
 
 #[test]
 fn a_hall_that_the_index_knows_of_is_no_drift() {
-    // warm friction rises by a tenth with a cold hall, the index does not
+    // warm friction rises by a tenth at a low ambient temperature, the index does not
     let cold = history(20, |i| 12.0 * wobble(i) * if i > 10 { 1.1 } else { 1.0 });
     assert_eq!(detect(&cold, &DetectSettings::default()).anomalies.len(), 1);
     let found = detect(&with_index(cold, |i| Some((wobble(i), 0.005))), &DetectSettings::default());
@@ -111,7 +111,7 @@ fn a_run_without_an_index_is_held_against_warm_friction_and_says_why() {
     assert_eq!(anomaly.quantity, Quantity::FrictionIndex);
 }
 
-/// Takes the friction stage from runs and gives them friction of the excitation.
+/// Removes the friction stage from runs and gives them friction of the excitation.
 fn without_friction_stage(mut runs: Vec<RunSummary>, friction: impl Fn(usize) -> f64) -> Vec<RunSummary> {
     for (i, run) in runs.iter_mut().enumerate() {
         let joint = &mut run.joints[2];
@@ -146,7 +146,7 @@ fn without_a_friction_stage_the_identified_friction_is_watched() {
 
 #[test]
 fn a_drift_says_when_it_becomes_critical_and_the_joint_does_too() {
-    // 0.4 % a day from the eleventh test on: critical with the 48th, 1970-02-17
+    // 0.4 % a day from the eleventh test: critical with the 48th, 1970-02-17
     let wear = |i: usize| 1.0 + 0.2 * (wobble(i) - 1.0) + 0.004 * i.saturating_sub(10) as f64;
     let until = |tests: usize| {
         let runs = with_index(history(tests, |_| 12.0), |i| Some((wear(i), 0.005)));
@@ -163,7 +163,7 @@ fn a_drift_says_when_it_becomes_critical_and_the_joint_does_too() {
     let day = date(1970, 2, 17);
     assert!((date(1970, 2, 13)..=date(1970, 2, 21)).contains(&critical.by), "{critical:?}");
     assert!(critical.lower <= day && critical.upper.is_none_or(|upper| upper >= day), "{critical:?}");
-    // where it is critical there is nothing to wait for
+    // a critical joint has no forecast
     let found = until(60);
     assert_eq!(found.anomalies[0].severity, Severity::Critical);
     assert!(!found.anomalies[0].message.contains("at this rate"), "{}", found.anomalies[0].message);
@@ -184,7 +184,7 @@ fn a_jump_is_no_trend() {
 fn scatter_of_healthy_indices_raises_less_than_the_rate_that_is_asked_for() {
     use rand::{RngExt, SeedableRng};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-    // of all joints alike, and of joints that differ by a factor of two to either side
+    // scatter equal for all joints, and scatter that differs between joints by up to a factor of two either way
     for (scatter, unlike) in
         [(0.003, 0.0), (0.01, 0.0), (0.015, 0.0), (0.02, 0.0), (0.008, 0.7), (0.012, 0.7)]
     {
