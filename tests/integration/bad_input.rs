@@ -246,10 +246,7 @@ fn bad_rows_within_the_bound_of_the_layout_are_passed_over_counted_and_said() {
     std::fs::write(workshop.path("armwatch.toml"), config.join("\n") + "\n").expect("a configuration");
     assert!(workshop.stdout(&["config", "check"], 0).contains("up to 3 bad rows skipped"));
     let said = workshop.stdout(&["explain", "inbox/Bad_20260105_0847.csv"], 0);
-    assert!(
-        said.contains("3 bad rows are skipped") && said.contains("line 4001: line too short"),
-        "{said}"
-    );
+    assert!(said.contains("3 bad rows are skipped") && said.contains("line 4001: line too short"), "{said}");
     assert!(said.contains("the last line has too few fields"), "{said}");
     workshop.stdout(&["ingest", "inbox"], 0);
     let runs = workshop.query("SELECT robot, status, rows, rows_skipped FROM runs ORDER BY robot");

@@ -96,11 +96,7 @@ fn rows_that_are_left_out_are_remarks_of_their_cycle() {
             twice.as_bytes()[..twice.len() - 30].to_vec(),
             "the last line has too few fields",
         ),
-        (
-            "R01_20260106_0847_x.csv",
-            [twice.as_bytes(), &[0; 64]].concat(),
-            "64 NUL bytes after the last row",
-        ),
+        ("R01_20260106_0847_x.csv", [twice.as_bytes(), &[0; 64]].concat(), "64 NUL bytes after the last row"),
     ];
     for (name, export, _) in &ends {
         fs::write(workshop.inbox(name), export).expect("written");

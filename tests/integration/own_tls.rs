@@ -64,11 +64,7 @@ fn files_that_cannot_be_used_are_named_with_their_remedy() {
     let refused = |what: &str| {
         let output = workshop.run(&["run"]);
         let said = text(&output.stderr);
-        assert!(
-            output.status.code() == Some(2) && said.contains(what),
-            "{:?}\n{said}",
-            output.status.code()
-        );
+        assert!(output.status.code() == Some(2) && said.contains(what), "{:?}\n{said}", output.status.code());
     };
     let certificate = fs::read(workshop.path("server.pem")).expect("a certificate");
     fs::remove_file(workshop.path("server.pem")).expect("deleted");
