@@ -127,7 +127,7 @@ debian() {
 test_programs() {
     local status=0
     debian prometheus-alertmanager=prometheus-alertmanager promtool=prometheus mosquitto_passwd=mosquitto \
-        mosquitto_sub=mosquitto-clients /usr/bin/aiosmtpd=python3-aiosmtpd || status=$?
+        mosquitto_sub=mosquitto-clients /usr/bin/aiosmtpd=python3-aiosmtpd curl=curl openssl=openssl || status=$?
     debian /usr/lib/postgresql/15/bin/initdb=postgresql-15 || status=$?
     return "$status"
 }
