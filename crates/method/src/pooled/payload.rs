@@ -269,10 +269,13 @@ impl Fit {
     ) -> Result<Payload, NumericsError> {
         let n = joints.len();
         let gains: Vec<f64> = self.at.iter().take(n).copied().collect();
+        // without a load, the ratios of gains are ratios of errors and contradict no bound
+        let mass_error = self.covariances.iter().map(|(of, _)| of[(n, n)]).sum::<f64>().sqrt();
+        let has_load = self.at[n].abs() > student_quantile(0.5 + 0.5 * LEVEL, f64::INFINITY) * mass_error;
         let mut gain_bound = bound;
         let factors = loop {
             let found = CommonFactor::of(&gains, &self.ratio_errors, gain_bound);
-            if found.agreement >= LEAST_AGREEMENT || gain_bound >= LARGEST_BOUND {
+            if found.agreement >= LEAST_AGREEMENT || gain_bound >= LARGEST_BOUND || !has_load {
                 break found;
             }
             gain_bound *= WIDER;

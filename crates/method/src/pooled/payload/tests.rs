@@ -202,6 +202,7 @@ fn without_a_load_the_mass_is_about_zero_and_nothing_else_is_shown() {
     let found = bench.payload(&cycles, BOUND);
     assert!(contains(&found.mass, 0.0) && found.mass.half_width() < 0.5, "{:?}", found.mass);
     assert!(found.centre.iter().chain(&found.inertia).all(|of| !of.is_shown), "{found:?}");
+    assert_eq!(found.gain_bound, BOUND, "errors contradict no gain");
 }
 
 #[test]
