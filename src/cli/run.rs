@@ -12,7 +12,7 @@ use super::one_run::{RunDateArgs, SetAsideArgs, run_date, set_aside};
 use crate::alert::dispatcher::Dispatcher;
 use crate::daemon::disks::Disks;
 use crate::daemon::overdue::OverdueWatch;
-use crate::daemon::preflight::{NO_ANSWER, preflight};
+use crate::daemon::preflight::{NO_ANSWER, create_folders, preflight};
 use crate::daemon::retention::Pruning;
 use crate::daemon::snapshots::Snapshots;
 use crate::daemon::{Control, DaemonEvent};
@@ -171,6 +171,11 @@ async fn at_work(
 /// The configuration, if the daemon can work with it on this machine.
 fn checked(config: Config) -> Result<Config, CliError> {
     let found = preflight(&config);
+    if found.refusals.is_empty() {
+        for folder in create_folders(&config) {
+            tracing::info!(folder = %folder.display(), "created a watched folder");
+        }
+    }
     for remark in found.remarks.iter().chain(found.missing.iter().filter(|of| of.problem == NO_ANSWER)) {
         tracing::warn!("{remark}");
     }

@@ -1,6 +1,7 @@
 //! Problems of this machine that prevent the daemon from working with a configuration. The text of the configuration
 //! does not show them. `run` and `config check` perform the same checks.
 
+use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -136,6 +137,7 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
         let key = format!("watch.folders[{}]", number + 1);
         let Some(place) = place else {
             let (what, hint) = match answers[number] {
+                Some(_) if folder.is_relative() && answered(is_absent(folder)) == Some(true) => continue,
                 Some(_) => (
                     "does not exist or is not readable",
                     "create it, mount it, or correct the path; it is watched as soon as it exists",
@@ -164,6 +166,18 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
     }
 }
 
+/// Creates the relative watched folders that do not exist, and returns them. An absolute one may be on a disk that is not
+/// mounted yet. The server creates the spool of uploads.
+pub fn create_folders(config: &Config) -> Vec<PathBuf> {
+    let spool = config.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &upload.spool);
+    let is_created = |folder: &&PathBuf| folder.is_relative() && Some(*folder) != spool;
+    let relative: Vec<_> = config.watch.folders.iter().filter(is_created).collect();
+    let asked: Vec<_> = relative.iter().map(|folder| ask(created(folder))).collect();
+    let until = Instant::now() + ANSWERS_WITHIN;
+    let new = relative.into_iter().zip(&asked).filter(|(_, asked)| answer(asked, until) == Some(true));
+    new.map(|(folder, _)| folder.clone()).collect()
+}
+
 /// Watched folders whose disk or file server does not answer.
 pub fn unanswered(watch: &WatchSettings) -> Vec<PathBuf> {
     let asked: Vec<_> = watch.folders.iter().map(|path| ask(listed(path))).collect();
@@ -175,6 +189,18 @@ pub fn unanswered(watch: &WatchSettings) -> Vec<PathBuf> {
 fn real_path(path: &Path) -> impl FnOnce() -> Option<PathBuf> + Send + use<> {
     let path = path.to_owned();
     move || std::fs::canonicalize(path).ok()
+}
+
+/// Checks that nothing is at the path, not even a link.
+fn is_absent(path: &Path) -> impl FnOnce() -> bool + Send + use<> {
+    let path = path.to_owned();
+    move || std::fs::symlink_metadata(path).is_err_and(|error| error.kind() == ErrorKind::NotFound)
+}
+
+/// Creates a folder if nothing is at its path.
+fn created(path: &Path) -> impl FnOnce() -> bool + Send + use<> {
+    let (is_absent, path) = (is_absent(path), path.to_owned());
+    move || is_absent() && std::fs::create_dir_all(path).is_ok()
 }
 
 /// Checks if the path exists and is not a folder.

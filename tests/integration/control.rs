@@ -117,17 +117,39 @@ fn what_run_would_refuse_is_found_by_config_check() {
 }
 
 #[test]
+fn the_daemon_creates_a_relative_folder_and_no_check_warns_of_it() {
+    let workshop = Workshop::new();
+    fs::remove_dir(workshop.path("inbox")).expect("an empty folder");
+    let check = workshop.run(&["config", "check"]);
+    assert!(
+        check.status.success() && !text(&check.stderr).contains("watch.folders"),
+        "{}",
+        text(&check.stderr)
+    );
+    let daemon = workshop.daemon();
+    workshop.wait_until(|| workshop.path("inbox").is_dir());
+    assert!(workshop.log().contains("created a watched folder"), "{}", workshop.log());
+    workshop.add_reference("inbox");
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete'", 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+}
+
+#[test]
 fn a_folder_that_is_not_there_or_lies_in_another_is_warned_of() {
     let workshop = Workshop::new();
     fs::create_dir(workshop.inbox("left")).expect("a folder");
-    configure(&workshop, |config| config.replace("[\"inbox\"]", "[\"inbox\", \"inbox/left\", \"later\"]"));
+    let later = workshop.path("later");
+    let folders = format!("[\"inbox\", \"inbox/left\", \"{}\"]", later.display());
+    configure(&workshop, |config| config.replace("[\"inbox\"]", &folders));
     let check = workshop.stdout(&["config", "check"], 0);
     assert!(check.contains("warning: ") && check.contains("watch.folders[2]"), "{check}");
-    assert!(check.contains("watch.folders[3] = \"later\": does not exist or is not readable"), "{check}");
+    let missing = format!("watch.folders[3] = \"{}\": does not exist or is not readable", later.display());
+    assert!(check.contains(&missing), "{check}");
 
     let daemon = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "cannot read a watched place") > 0);
-    fs::create_dir(workshop.path("later")).expect("a folder");
+    fs::create_dir(&later).expect("a folder");
     workshop.add_reference("later");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete'", 1);
     daemon.signal("TERM");
