@@ -2,12 +2,14 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use sqlx::{Connection, SqliteConnection};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
+use crate::pipeline::take::follow::{Ends, Followed};
 use armwatch_config::Config;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 use armwatch_store::Store;
@@ -91,4 +93,22 @@ async fn a_cycle_that_the_end_has_cut_is_read_anew_where_the_export_goes_on() {
         pipeline.process(&made.export, Retry::Never, &stop, |_| ()).await.expect("an outcome");
         assert_eq!(contents(&database(name)).await, expected, "{name}");
     }
+}
+
+#[tokio::test]
+async fn a_complete_export_that_counts_as_growing_stays_complete() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let first_start = "2026-01-05T08:47:00Z".parse().expect("a time");
+    let settings =
+        SimulationSettings { cycles: 2, warming_s: 5.0, first_start, ..SimulationSettings::default() };
+    let made = simulate_run(&er3a(), &settings, 0, folder.path(), &mut |_| ()).expect("an export");
+    let database = folder.path().join("complete.db");
+    let pipeline = pipeline(&database).await;
+    let ends = Ends { stop: CancellationToken::new(), give_way: CancellationToken::new() };
+    pipeline.process(&made.export, Retry::Never, &ends.stop, |_| ()).await.expect("an outcome");
+    let before = cycles(&database).await;
+
+    let followed = pipeline.follow(&made.export, Duration::from_millis(100), &ends, |_| ()).await;
+    assert!(matches!(followed, Ok(Followed::UntilSettled)), "it is read again");
+    assert!(before.len() == 2 && cycles(&database).await == before);
 }

@@ -54,6 +54,16 @@ impl Facts {
         let on_rewrite = if is_cut { RewritePolicy::KeepBoth } else { self.on_rewrite };
         Self { on_rewrite, ..self }
     }
+
+    /// Returns true if a complete run contains everything of the file, which has this size in bytes.
+    #[must_use]
+    pub fn is_stored_whole(&self, bytes: u64) -> bool {
+        let is_whole = |of: &Compared| {
+            let is_here = of.same_path || of.same_file;
+            is_here && of.run.status == RunStatus::Complete && of.begins_alike && of.read.bytes == bytes
+        };
+        self.earlier.iter().any(is_whole)
+    }
 }
 
 /// How an export is treated.

@@ -259,11 +259,11 @@ impl Pipeline {
     ) -> Result<Result<AdmittedExport, Followed>, PipelineError> {
         let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
         let facts = match facts {
-            Ok(facts) => facts,
+            Ok(facts) => facts.of_cut_file(goes_on),
             Err(rejection) => return Ok(Err(Followed::Blocked(rejection))),
         };
         intake::forget_unreadable(self, path).await?;
-        let start = match decide::decide(&facts.of_cut_file(goes_on)) {
+        let start = match decide::decide(&facts) {
             Decision::Read(start) => start,
             Decision::InWork { run_id } => {
                 return Ok(Err(Followed::Outcome(Outcome::InWork { run_id: Some(run_id) })));
@@ -271,6 +271,10 @@ impl Pipeline {
             // the whole content is already known
             Decision::Known { .. } => return Ok(Err(Followed::UntilSettled)),
         };
+        // a scan that saw it while it was written can come after its end: a complete run stays complete
+        if facts.is_stored_whole(state.bytes) {
+            return Ok(Err(Followed::UntilSettled));
+        }
         if start.continues.is_none()
             && let Some(rejection) = new_robot::question(self, path, recognised).await?
         {
