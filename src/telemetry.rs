@@ -19,9 +19,10 @@ use tracing_subscriber::registry::LookupSpan;
 use armwatch_model::text;
 
 /// Format of log lines: text for people, or one JSON object per line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 #[expect(missing_docs, reason = "a text of a value would stand in the help of each command")]
 pub enum LogFormat {
+    #[default]
     Text,
     Json,
 }

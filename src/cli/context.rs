@@ -38,7 +38,7 @@ pub(super) const GLOBAL_HEADING: &str = "Global options";
 pub const ANY_PROCESSOR: &str = "ARMWATCH_ANY_PROCESSOR";
 
 /// Options of every command.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = GLOBAL_HEADING)]
 pub struct Global {
     /// Database file or postgres://USER@HOST/NAME, instead of the configured one

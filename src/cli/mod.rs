@@ -77,9 +77,11 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// The command line of this process; ends the process if it is wrong or asks for help.
+    /// The command line of this process; ends the process if it is wrong or asks for help, and after the answer to a shell
+    /// that completes a line.
     #[must_use]
     pub fn of_process() -> Self {
+        completions::answer(Self::dressed_command);
         parsed()
     }
 
@@ -178,7 +180,7 @@ enum Command {
     },
     /// Show the smallest change in friction that causes an alarm
     Calibrate(calibrate::CalibrateArgs),
-    /// Print shell completions of commands and options
+    /// Print shell completions, with robots, runs and alarms
     Completions(completions::CompletionsArgs),
     /// Write manual pages, one per command
     Man(man::ManArgs),
@@ -357,7 +359,7 @@ fn carry_out(global: &Global, command: Command) -> Result<u8, CliError> {
         Command::Config { command: ConfigCommand::Check } => config::check::check(global),
         Command::Config { command: ConfigCommand::Show } => config::show::show(global),
         Command::Config { command: ConfigCommand::Init(args) } => config::init::init(global, &args),
-        Command::Completions(args) => completions::completions(&args, &mut Cli::dressed_command()),
+        Command::Completions(args) => completions::completions(&args),
         Command::Man(args) => man::man(global, &args, Cli::dressed_command()),
     }
 }

@@ -1,5 +1,7 @@
 //! The command line: results on standard output, messages on standard error, a documented exit status.
 
+use std::fs;
+
 use clap::Command;
 
 use crate::small::{self, CYCLES, export};
@@ -404,10 +406,43 @@ fn the_shipped_configuration_becomes_files_to_edit_and_none_is_written_over() {
 }
 
 #[test]
-fn completions_name_the_commands() {
+fn bash_completes_commands_robots_runs_and_alarms() {
     let workshop = Workshop::new();
-    for shell in ["bash", "zsh", "fish"] {
+    fs::create_dir(workshop.path("bin")).expect("a folder");
+    std::os::unix::fs::symlink(env!("CARGO_BIN_EXE_armwatch"), workshop.path("bin/armwatch"))
+        .expect("a link");
+    let script = workshop.stdout(&["completions", "bash"], 0);
+    fs::write(workshop.path("armwatch.bash"), script).expect("written");
+    workshop.add_reference("inbox");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let run = workshop.query("SELECT run_id FROM runs").remove(0);
+    let robot = workshop.query("SELECT robot FROM runs").remove(0);
+    // the candidates for the last of the words
+    let offered = |words: &[&str]| {
+        let line = "source ./armwatch.bash; COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); \
+            _clap_complete_armwatch armwatch \"${!#}\" \"\"; printf '%s\\n' \"${COMPREPLY[@]}\"";
+        let path = format!("{}:{}", workshop.path("bin").display(), std::env::var("PATH").expect("a path"));
+        let mut bash = std::process::Command::new("bash");
+        let bash =
+            bash.current_dir(workshop.path("")).env("PATH", path).args(["-c", line, "bash"]).args(words);
+        let output = bash.output().expect("bash");
+        assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
+        text(&output.stdout).lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(offered(&["armwatch", "quar"]), ["quarantine"]);
+    assert_eq!(offered(&["armwatch", "runs", "--robot", ""]), [&*robot]);
+    assert_eq!(offered(&["armwatch", "cycles", "--run", ""]), [&*run]);
+    // there is no alarm, only options
+    assert!(offered(&["armwatch", "alerts", "ack", ""]).iter().all(|word| word.starts_with("--")));
+    assert_eq!(offered(&["armwatch", "runs", "--db", "none.db", "--robot", ""]), [""]);
+    assert!(!workshop.path("none.db").exists());
+}
+
+#[test]
+fn every_shell_has_completions() {
+    let workshop = Workshop::new();
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
         let script = workshop.stdout(&["completions", shell], 0);
-        assert!(["status", "quarantine", "snapshot"].iter().all(|word| script.contains(word)), "{shell}");
+        assert!(script.contains("ARMWATCH_COMPLETE"), "{shell}: {script}");
     }
 }

@@ -31,7 +31,7 @@ pub(in crate::cli) async fn require_robot(store: &Store, name: &str) -> Result<(
 }
 
 /// Robots with a run, by name.
-async fn robots(store: &Store) -> Result<Vec<String>, CliError> {
+pub(in crate::cli) async fn robots(store: &Store) -> Result<Vec<String>, CliError> {
     let mut reader = store.read_views().await?;
     Ok(reader.robots().await?)
 }
