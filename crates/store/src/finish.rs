@@ -152,7 +152,7 @@ impl FinishTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 }

@@ -99,7 +99,7 @@ impl Store {
         StoreError::RunNotOpen { path: self.path.to_path_buf(), run_id }
     }
 
-    pub(crate) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    pub(crate) fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|error| StoreError::from_sqlx(&self.path, &error))
     }
 }

@@ -3,6 +3,7 @@
 use super::handle::Store;
 use super::table::{AskError, ResultTable};
 use super::views::HealthStatus;
+use crate::engine::Bind;
 
 /// Selection of runs, or of cycles of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -107,10 +108,8 @@ impl Store {
              LIMIT $5",
             |query| {
                 query
-                    .bind(wanted.robot.map(str::to_owned))
-                    .bind(wanted.run_id)
-                    .bind(wanted.status.map(str::to_owned))
-                    .bind(wanted.kind.map(str::to_owned))
+                    .bind_all((wanted.robot.map(str::to_owned), wanted.run_id))
+                    .bind_all((wanted.status.map(str::to_owned), wanted.kind.map(str::to_owned)))
                     .bind(wanted.most)
             },
         )
@@ -130,10 +129,8 @@ impl Store {
              LIMIT $4",
             |query| {
                 query
-                    .bind(wanted.robot.map(str::to_owned))
-                    .bind(wanted.run_id)
-                    .bind(wanted.status.map(str::to_owned))
-                    .bind(wanted.most)
+                    .bind_all((wanted.robot.map(str::to_owned), wanted.run_id))
+                    .bind_all((wanted.status.map(str::to_owned), wanted.most))
             },
         )
         .await

@@ -111,14 +111,14 @@ impl Store {
     }
 }
 
-async fn is_complete(executor: impl EngineExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
+async fn is_complete(executor: impl EngineExecutor<'_>, source_name: &str) -> sqlx::Result<bool> {
     sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = $1 AND status = 'complete')")
         .bind(source_name)
         .fetch_one(executor)
         .await
 }
 
-async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
+async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<(String, u64)>> {
     sqlx::query(
         "SELECT robot, count(DISTINCT run_id) AS exports FROM quarantine WHERE state = 'open' GROUP BY robot \
          ORDER BY robot",
@@ -128,7 +128,7 @@ async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(
     .await
 }
 
-async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> Result<Vec<AnomalyCount>, sqlx::Error> {
+async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<AnomalyCount>> {
     sqlx::query(UNSETTLED_COUNTS)
         .try_map(|row: EngineRow| {
             Ok(AnomalyCount {
@@ -141,7 +141,7 @@ async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> Result<Vec<Anoma
         .await
 }
 
-async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
+async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<RouteCounts>> {
     sqlx::query(
         "SELECT r.name AS route, r.failures,
                 count(*) FILTER (WHERE d.state = 'pending') AS pending,

@@ -294,7 +294,7 @@ async fn pool(
     connections: u32,
     options: SqliteConnectOptions,
     busy_timeout: Duration,
-) -> Result<EnginePool, sqlx::Error> {
+) -> sqlx::Result<EnginePool> {
     EnginePoolOptions::new()
         .max_connections(connections)
         // A request to the pool may have to wait for one that waits for another process.
@@ -369,7 +369,7 @@ enum FileIdentity {
     Foreign,
 }
 
-async fn identity(connection: &mut EngineConnection) -> Result<FileIdentity, sqlx::Error> {
+async fn identity(connection: &mut EngineConnection) -> sqlx::Result<FileIdentity> {
     let application_id: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
     let tables: i64 =
         sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;

@@ -11,7 +11,7 @@ use super::error::StoreError;
 use super::handle::Store;
 use super::results::joined_factors::remove_of;
 use super::values::{count, named, size};
-use crate::engine::{Dialect, EngineExecutor, EngineRow, catalog};
+use crate::engine::{Bind, Dialect, EngineExecutor, EngineRow, catalog};
 use armwatch_model::run::RunKind;
 
 /// Tests that are examined for a production window until one has parameters. This many of the latest tests of a robot
@@ -130,7 +130,7 @@ impl Store {
     }
 }
 
-async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result<Vec<DueRun>, sqlx::Error> {
+async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> sqlx::Result<Vec<DueRun>> {
     let limit = |since: Option<Timestamp>| since.map(|since| since.as_microsecond());
     // rows with factors are a bounded part of the database, so the query begins with them
     sqlx::query(
@@ -166,9 +166,7 @@ async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result
                AND NOT (run.kind = 'test' AND run.run_id IN (SELECT run_id FROM kept))
          ORDER BY run.started_at, run.run_id",
     )
-    .bind(limit(kept.tests))
-    .bind(limit(kept.production))
-    .bind(count(MOST_REFERENCES))
+    .bind_all((limit(kept.tests), limit(kept.production), count(MOST_REFERENCES)))
     .try_map(|row: EngineRow| {
         Ok(DueRun {
             run_id: row.try_get("run_id")?,
@@ -182,7 +180,7 @@ async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result
     .await
 }
 
-async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<u64, sqlx::Error> {
+async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<u64> {
     sqlx::query(
         "SELECT CAST(coalesce(sum(length(factor)), 0) AS BIGINT) AS bytes
          FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = $1",
@@ -197,15 +195,14 @@ async fn cycles_with_factors(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     most: usize,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT cycle_id FROM run JOIN cycle USING (run_id) JOIN cycle_factor_layout USING (cycle_id)
          WHERE run_id = $1 AND run.status <> 'streaming'
          ORDER BY cycle.number
          LIMIT $2",
     )
-    .bind(run_id)
-    .bind(count(most))
+    .bind_all((run_id, count(most)))
     .fetch_all(executor)
     .await
 }

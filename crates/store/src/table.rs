@@ -205,11 +205,11 @@ fn select(dialect: Dialect, view: &str, wanted: &ViewRows) -> String {
     format!("SELECT * FROM \"{view}\"{filter}{order} LIMIT {}", wanted.limit)
 }
 
-pub(crate) fn cells(row: &EngineRow) -> Result<Vec<Value>, sqlx::Error> {
+pub(crate) fn cells(row: &EngineRow) -> sqlx::Result<Vec<Value>> {
     (0..row.len()).map(|column| cell(row, column)).collect()
 }
 
-fn cell(row: &EngineRow, column: usize) -> Result<Value, sqlx::Error> {
+fn cell(row: &EngineRow, column: usize) -> sqlx::Result<Value> {
     let value = row.try_get_raw(column)?;
     if value.is_null() {
         return Ok(Value::Null);

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 use sqlx::Row;
 
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{count, in_views, size, time_text};
@@ -101,7 +101,7 @@ impl Store {
     }
 }
 
-async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -> Result<bool, sqlx::Error> {
+async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -> sqlx::Result<bool> {
     let BlockReason { path, robot, source_name, line, problem, remedy } = block;
     let known = sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM blocked_file
@@ -117,23 +117,17 @@ async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -
          VALUES ($1, (SELECT run_id FROM source_file JOIN run USING (run_id)
                       WHERE source_file.path = $1 AND status = 'streaming'), $2, $3, $4, $5, $6)",
     )
-    .bind(path)
-    .bind(robot)
-    .bind(source_name)
-    .bind(line.map(count))
-    .bind(problem)
-    .bind(remedy)
+    .bind_all((path, robot, source_name, line.map(count), problem, remedy))
     .execute(connection)
     .await?;
     Ok(true)
 }
 
-pub(super) async fn forget(executor: impl EngineExecutor<'_>, path: &str) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM blocked_file WHERE path = $1").bind(path).execute(executor).await?;
-    Ok(())
+pub(super) async fn forget(executor: impl EngineExecutor<'_>, path: &str) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM blocked_file WHERE path = $1").bind(path).run(executor).await
 }
 
-async fn all(executor: impl EngineExecutor<'_>) -> Result<Vec<BlockedFile>, sqlx::Error> {
+async fn all(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<BlockedFile>> {
     sqlx::query(
         "SELECT robot, source_name, source_path, run_id, line, remedy, blocked_at, message FROM blocked_files
          ORDER BY blocked_at, source_path",

@@ -34,7 +34,7 @@ impl Store {
 
 /// Key of a robot, which is inserted with its first run. A robot whose name an earlier version has stored in another
 /// form of Unicode gets this name.
-pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> Result<i64, sqlx::Error> {
+pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> sqlx::Result<i64> {
     if let Some(known) = find_robot(&mut *connection, name).await? {
         return Ok(known);
     }
@@ -54,6 +54,6 @@ pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> R
         .await
 }
 
-async fn find_robot(executor: impl EngineExecutor<'_>, name: &str) -> Result<Option<i64>, sqlx::Error> {
+async fn find_robot(executor: impl EngineExecutor<'_>, name: &str) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = $1").bind(name).fetch_optional(executor).await
 }

@@ -9,7 +9,7 @@ use sqlx::{FromRow, Row};
 use super::alarms::anomalies::{self, Reconciled};
 use super::figures::friction_series::{self, FrictionSeries};
 use super::{conclusion_faults, settled};
-use crate::engine::{EngineExecutor, EngineRow, EngineTransaction};
+use crate::engine::{Bind, EngineExecutor, EngineRow, EngineTransaction, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::{production, run_analysis};
@@ -30,7 +30,7 @@ pub struct StaleRobot {
 }
 
 impl FromRow<'_, EngineRow> for StaleRobot {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             robot_id: row.try_get("robot_id")?,
             name: row.try_get("name")?,
@@ -134,7 +134,7 @@ impl ConclusionTransaction {
         &mut self,
         findings: &Findings,
         settled: &[NewlySettled],
-    ) -> Result<Reconciled, sqlx::Error> {
+    ) -> sqlx::Result<Reconciled> {
         let mut ended: Vec<(i64, &[Anomaly])> = Vec::with_capacity(settled.len());
         for of in settled {
             ended.push((self.keep_settled(of.kind, &of.settled).await?, &of.ended));
@@ -169,7 +169,7 @@ impl ConclusionTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    pub(super) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    pub(super) fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 }
@@ -194,35 +194,29 @@ impl Store {
 }
 
 /// Robots whose history has changed since their conclusion, by name.
-pub(crate) async fn stale_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<StaleRobot>, sqlx::Error> {
+pub(crate) async fn stale_robots(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<StaleRobot>> {
     sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
         .fetch_all(executor)
         .await
 }
 
-async fn history_of(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
+async fn history_of(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<i64> {
     sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_one(executor)
         .await
 }
 
-async fn is_concluded(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
+async fn is_concluded(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<bool> {
     sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_one(executor)
         .await
 }
 
-async fn mark_concluded(
-    executor: impl EngineExecutor<'_>,
-    robot_id: i64,
-    history: i64,
-) -> Result<(), sqlx::Error> {
+async fn mark_concluded(executor: impl EngineExecutor<'_>, robot_id: i64, history: i64) -> sqlx::Result<()> {
     sqlx::query("UPDATE robot SET concluded = $1 WHERE robot_id = $2")
-        .bind(history)
-        .bind(robot_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((history, robot_id))
+        .run(executor)
+        .await
 }

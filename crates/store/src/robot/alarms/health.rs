@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::Row;
 
 use super::anomalies::as_text;
-use crate::engine::EngineRow;
+use crate::engine::{Bind, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::size;
@@ -81,8 +81,7 @@ impl Store {
         let done = sqlx::query(
             "UPDATE robot SET watched = TRUE WHERE name = $1 AND NOT watched AND expected_by >= $2",
         )
-        .bind(robot)
-        .bind(as_text(now))
+        .bind_all((robot, as_text(now)))
         .execute(&mut *transaction)
         .await;
         self.checked(done)?;
@@ -94,7 +93,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn mark_overdue(&self, now: Timestamp) -> Result<Vec<OverdueRobot>, StoreError> {
-        let due: Result<Vec<(i64, String, String)>, sqlx::Error> = sqlx::query_as(
+        let due: sqlx::Result<Vec<(i64, String, String)>> = sqlx::query_as(
             "SELECT robot_id, name, expected_by FROM robot
              WHERE watched AND NOT overdue AND expected_by < $1
              ORDER BY name",
@@ -109,8 +108,7 @@ impl Store {
             let done = sqlx::query(
                 "UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2 AND NOT overdue",
             )
-            .bind(robot_id)
-            .bind(&expected_by)
+            .bind_all((robot_id, &expected_by))
             .execute(&mut *transaction)
             .await;
             let is_marked = self.checked(done)?.rows_affected() > 0;
