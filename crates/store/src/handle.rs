@@ -9,6 +9,9 @@ use super::own_host::OwnHost;
 use crate::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
 /// An open database. Clones share it.
+///
+/// Every method that reads or writes can fail with the [`StoreError`] of the database; `# Errors` of a method lists only
+/// further ones.
 #[derive(Debug, Clone)]
 pub struct Store {
     pub(super) path: Arc<Path>,

@@ -42,9 +42,6 @@ impl Store {
     }
 
     /// Unit and grouping of each parameter of a description.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn model_parameters(
         &self,
         model: &StoredModel,
@@ -54,9 +51,6 @@ impl Store {
 
     /// The sum of standard parameters that each parameter of a description represents, as coefficients and parameters.
     /// Parameters with an unknown sum are omitted.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn model_groupings(
         &self,
         model: &StoredModel,

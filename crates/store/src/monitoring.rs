@@ -60,34 +60,22 @@ pub(super) const UNSETTLED_COUNTS: &str = "SELECT severity, state, count(*) AS a
 
 impl Store {
     /// Returns true if an export of this file name is stored completely.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn is_complete(&self, source_name: &str) -> Result<bool, StoreError> {
         self.checked(is_complete(&self.readers, source_name).await)
     }
 
     /// Number of quarantined exports of each robot that need attention, by robot; the robot is `unknown` if the name of
     /// an export does not contain it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn quarantined_by_robot(&self) -> Result<Vec<(String, u64)>, StoreError> {
         self.checked(quarantined_by_robot(&self.readers).await)
     }
 
     /// Numbers of anomalies that are not settled, by severity and state; zeros are omitted.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unsettled_counts(&self) -> Result<Vec<AnomalyCount>, StoreError> {
         self.checked(unsettled_counts(&self.readers).await)
     }
 
     /// Counts of deliveries of each route of the configuration, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn deliveries_by_route(&self) -> Result<Vec<RouteCounts>, StoreError> {
         self.checked(deliveries_by_route(&self.readers).await)
     }

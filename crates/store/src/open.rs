@@ -114,9 +114,6 @@ impl Store {
 
     /// A number that changes when another connection has committed. It is only comparable with earlier numbers of the
     /// same handle.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn data_version(&self) -> Result<i64, StoreError> {
         self.checked(catalog::data_version(&self.probe).await)
     }

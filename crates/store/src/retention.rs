@@ -66,9 +66,6 @@ impl FreeSpace {
 impl Store {
     /// Runs with factors that are due, oldest first. The age of a run begins at its last cycle, or when it was stored
     /// if that was later.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn due_runs(&self, kept: &KeptSince) -> Result<Vec<DueRun>, StoreError> {
         if *kept == KeptSince::default() {
             return Ok(Vec::new());
@@ -82,9 +79,6 @@ impl Store {
 
     /// Deletes the factors of at most `most` cycles of a run in one transaction, and returns the number of cycles.
     /// Deletes none of a run that is being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remove_factors(&self, run_id: i64, most: usize) -> Result<usize, StoreError> {
         let mut transaction = self.begin().await?;
         let cycles = self.checked(cycles_with_factors(&mut *transaction, run_id, most).await)?;
@@ -96,9 +90,6 @@ impl Store {
     }
 
     /// Free space in the file.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn free_space(&self) -> Result<FreeSpace, StoreError> {
         const INCREMENTAL: u64 = 2;
         if self.dialect() == Dialect::Postgres {
@@ -121,9 +112,6 @@ impl Store {
 
     /// Returns at most `most` free pages to the file system, in one transaction. Does nothing in a database that was
     /// created without this ability, see [`FreeSpace::can_shrink`].
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn give_back(&self, most: u32) -> Result<(), StoreError> {
         let asked = sqlx::raw_sql(AssertSqlSafe(format!("PRAGMA incremental_vacuum({most})")));
         self.checked(asked.execute(&self.writer).await).map(|_| ())

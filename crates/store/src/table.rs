@@ -66,9 +66,6 @@ impl Store {
     }
 
     /// Views of the database by name, each with its columns in order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn views(&self) -> Result<Vec<(String, Vec<String>)>, StoreError> {
         let mut views: Vec<(String, Vec<String>)> = Vec::new();
         for (view, column) in self.checked(catalog::views(&self.readers).await)? {

@@ -222,33 +222,21 @@ pub struct StoredCounts {
 
 impl Store {
     /// All runs, by robot and start.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn runs(&self) -> Result<Vec<RunRow>, StoreError> {
         self.checked(runs(&self.readers).await)
     }
 
     /// Health of every joint of every robot with a complete run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn fleet_health(&self) -> Result<Vec<FleetHealthRow>, StoreError> {
         self.checked(fleet_health(&self.readers).await)
     }
 
     /// Anomalies found after the one with key `after` (0 for all), oldest finding first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn anomalies_after(&self, after: i64) -> Result<Vec<AnomalyRow>, StoreError> {
         self.checked(anomalies_after(&self.readers, after).await)
     }
 
     /// Counts of stored rows.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn counts(&self) -> Result<StoredCounts, StoreError> {
         self.checked(counts(&self.readers).await)
     }

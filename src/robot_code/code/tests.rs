@@ -30,7 +30,7 @@ proptest! {
         let values: Vec<f64> = phi.iter().map(|x| if sparse && *x < 0.3 { 0.0 } else { *x }).collect();
         let code = TorqueCode::new(&robot, &all(&robot, &values), &robot.model, &origin());
         prop_assert!(code.largest_difference() < ROUNDING, "{}", code.largest_difference());
-        for language in Language::ALL {
+        for language in CodeLanguage::ALL {
             prop_assert_eq!(code.files(language), code.files(language));
         }
     }
@@ -64,7 +64,7 @@ fn the_scara_needs_no_cosine_of_its_shoulder() {
     let robot = parse_robot("config/robots/scara.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
     let code = TorqueCode::new(&robot, &all(&robot, &[0.3; 200]), &robot.model, &origin());
     assert!(code.largest_difference() < ROUNDING);
-    let source = &code.files(Language::C)[1].text;
+    let source = &code.files(CodeLanguage::C)[1].text;
     assert!(source.contains("cos(q2)") && !source.contains("cos(q1)"), "{source}");
     assert_eq!(code.name, "scara_example");
 }
@@ -75,7 +75,7 @@ fn names_become_identifiers_and_comments_stay_comments() {
     assert_eq!(identifier("7-axis (left)"), "arm_7_axis_left");
     assert_eq!(identifier("--"), "arm");
     let code = TorqueCode::new(&er3a(), &[], "a", &origin());
-    for file in Language::ALL.into_iter().flat_map(|language| code.files(language)) {
+    for file in CodeLanguage::ALL.into_iter().flat_map(|language| code.files(language)) {
         assert!(!file.text.contains("made up */") && !file.text.contains("up */ \"\"\""), "{}", file.text);
     }
 }

@@ -189,27 +189,18 @@ async fn told_before(
 
 impl Store {
     /// Identity of this database, which distinguishes it from others at a common receiver.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn identity(&self) -> Result<String, StoreError> {
         let identity = sqlx::query_scalar("SELECT identity FROM database_identity").fetch_one(&self.readers);
         self.checked(identity.await)
     }
 
     /// Open alarms, lowest number first: for each the latest event that calls for attention.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn open_alarms(&self) -> Result<Vec<AlarmEvent>, StoreError> {
         self.checked(open_alarms(&self.readers).await)
     }
 
     /// Alarms that are open for the receiver of a route: for each anomaly that is not closed, the latest event sent to
     /// the receiver. Omits one that was closed while the receiver could not be reached.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn told_alarms(&self, route_id: i64) -> Result<Vec<AlarmEvent>, StoreError> {
         self.checked(told_alarms(&self.readers, route_id).await)
     }

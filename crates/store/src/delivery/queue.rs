@@ -73,9 +73,6 @@ pub enum Again {
 impl Store {
     /// State of a route. Counts the messages sent within `window` before `now`; omits those that a fast clock dated
     /// after `now`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn route_state(
         &self,
         route_id: i64,
@@ -220,9 +217,6 @@ impl Store {
     }
 
     /// Returns true if the next attempt at a message is the last one, since earlier ones have ended the program.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn is_last_attempt(&self, message: &DueMessage) -> Result<bool, StoreError> {
         let mut failed = 0;
         for delivery_id in &message.delivery_ids {

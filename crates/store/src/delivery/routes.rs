@@ -66,9 +66,6 @@ pub struct RouteEntry {
 impl Store {
     /// Enters a route of the configuration. A new one begins with the open alarms that `judge` selects, each by its
     /// latest event. Earlier events are not sent.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn enter_route(
         &self,
         name: &str,
@@ -113,9 +110,6 @@ impl Store {
     }
 
     /// Ends the routes whose names are not given: events that they have not sent are suppressed.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn retire_routes(&self, names: &[&str]) -> Result<u64, StoreError> {
         let mut transaction = self.begin().await?;
         let retired = self.checked(retire_routes(&mut transaction, names).await)?;

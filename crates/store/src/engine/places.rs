@@ -10,29 +10,29 @@ use sqlx::query_builder::Separated;
 use super::{Engine, EngineArguments, EngineExecutor};
 
 /// A value for a place of a statement, which may borrow for `'q`.
-pub(crate) trait Value<'q>: 'q + Encode<'q, Engine> + Type<Engine> {}
+pub(crate) trait Bindable<'q>: 'q + Encode<'q, Engine> + Type<Engine> {}
 
-impl<'q, T: 'q + Encode<'q, Engine> + Type<Engine>> Value<'q> for T {}
+impl<'q, T: 'q + Encode<'q, Engine> + Type<Engine>> Bindable<'q> for T {}
 
 /// A statement, or a row of one, whose places take values.
 pub(crate) trait Bind<'q>: Sized {
     /// Gives the next place a value.
-    fn bind_next(self, value: impl Value<'q>) -> Self;
+    fn bind_next(self, value: impl Bindable<'q>) -> Self;
 
     /// Gives the next places the values of a tuple.
-    fn bind_all(self, values: impl Values<'q>) -> Self {
+    fn bind_all(self, values: impl BindableTuple<'q>) -> Self {
         values.bind_to(self)
     }
 }
 
 /// A tuple of values for places that follow each other.
-pub(crate) trait Values<'q> {
+pub(crate) trait BindableTuple<'q> {
     fn bind_to<B: Bind<'q>>(self, places: B) -> B;
 }
 
 macro_rules! tuples_are_values {
     ($($name:ident)*) => {
-        impl<'q, $($name: Value<'q>),*> Values<'q> for ($($name,)*) {
+        impl<'q, $($name: Bindable<'q>),*> BindableTuple<'q> for ($($name,)*) {
             #[expect(non_snake_case, reason = "a value has the name of its type")]
             fn bind_to<B: Bind<'q>>(self, places: B) -> B {
                 let ($($name,)*) = self;
@@ -51,25 +51,25 @@ tuples_are_values!(V1 V2 V3 V4 V5 V6 V7);
 tuples_are_values!(V1 V2 V3 V4 V5 V6 V7 V8);
 
 impl<'q> Bind<'q> for Query<'_, Engine, EngineArguments> {
-    fn bind_next(self, value: impl Value<'q>) -> Self {
+    fn bind_next(self, value: impl Bindable<'q>) -> Self {
         self.bind(value)
     }
 }
 
 impl<'q, O> Bind<'q> for QueryAs<'q, Engine, O, EngineArguments> {
-    fn bind_next(self, value: impl Value<'q>) -> Self {
+    fn bind_next(self, value: impl Bindable<'q>) -> Self {
         self.bind(value)
     }
 }
 
 impl<'q, O> Bind<'q> for QueryScalar<'q, Engine, O, EngineArguments> {
-    fn bind_next(self, value: impl Value<'q>) -> Self {
+    fn bind_next(self, value: impl Bindable<'q>) -> Self {
         self.bind(value)
     }
 }
 
 impl<'q, S: Display> Bind<'q> for &mut Separated<'_, Engine, S> {
-    fn bind_next(self, value: impl Value<'q>) -> Self {
+    fn bind_next(self, value: impl Bindable<'q>) -> Self {
         self.push_bind(value)
     }
 }

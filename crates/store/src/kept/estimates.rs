@@ -58,9 +58,6 @@ pub struct NewEstimate {
 impl Store {
     /// Stores which cycles cannot be identified again with the estimator `wanted`, and why: those without factors, and
     /// all cycles for an estimator that needs rows. Returns the number of cycles that were not marked before.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_estimates(&self, wanted: Estimator) -> Result<u64, StoreError> {
         // reading does not wait for another writer, and usually there is nothing to write
         if !self.checked(any_to_mark(&self.readers, wanted).await)? {
@@ -75,9 +72,6 @@ impl Store {
 
     /// Runs with cycles that were identified with another estimator than `wanted` and can be identified again, by
     /// start; for one robot, or for all.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn other_estimates(
         &self,
         wanted: Estimator,
@@ -87,9 +81,6 @@ impl Store {
     }
 
     /// Numbers of the cycles of a run that [`Store::other_estimates`] counts, ascending.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cycles_of_other_estimates(
         &self,
         run_id: i64,
@@ -99,9 +90,6 @@ impl Store {
     }
 
     /// Opens the transaction that replaces the estimates of a run's cycles by those of `estimator`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_estimates(
         &self,
         run_id: i64,
@@ -125,27 +113,18 @@ pub struct EstimateTransaction {
 impl EstimateTransaction {
     /// Replaces parameters, residuals and self-verification of a cycle by those of another estimator. Does nothing for
     /// a cycle that already has this estimator, or is gone.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace(&mut self, new: &NewEstimate) -> Result<(), StoreError> {
         let result = replace(&mut self.transaction, self.run_id, self.estimator, new).await;
         self.checked(result)
     }
 
     /// Reads the measurements of the run's cycles, including the replaced ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn measurements(&mut self) -> Result<RunMeasurements, StoreError> {
         let result = history::of_parameters(&mut self.transaction, self.run_id).await;
         self.checked(result)
     }
 
     /// Replaces the run's overall parameters and torque deviations, if it has ended.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_run_figures(
         &mut self,
         statistics: &[ParameterStatistics],

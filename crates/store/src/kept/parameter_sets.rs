@@ -44,9 +44,6 @@ pub struct SourceCycle {
 
 impl Store {
     /// Reads the parameters of one cycle, in no particular order; none for a refused or unknown one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cycle_parameters(
         &self,
         run_id: i64,
@@ -56,9 +53,6 @@ impl Store {
     }
 
     /// Stores parameters under a name. Returns `false` and stores nothing if the name is in use.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn save_parameter_set(&self, name: &str, set: &ParameterSet) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let saved = self.checked(save(&mut transaction, name, set).await)?;
@@ -67,9 +61,6 @@ impl Store {
     }
 
     /// Reads the parameters stored under a name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn parameter_set(&self, name: &str) -> Result<Option<ParameterSet>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(find(&mut connection, name).await)
@@ -77,9 +68,6 @@ impl Store {
 
     /// Stores how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given by
     /// their numbers. Replaces earlier results for these cycles; stores all or nothing.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn store_cross_verification(
         &self,
         run_id: i64,

@@ -130,17 +130,11 @@ impl Store {
     }
 
     /// All kept estimates, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
         self.checked(kept(&self.readers).await)
     }
 
     /// Deletes the parameter set or re-estimate of this name; returns true if there was one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let set = self.checked(delete_set(&mut *transaction, name).await)?;

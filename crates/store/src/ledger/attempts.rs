@@ -106,9 +106,6 @@ impl Store {
     }
 
     /// Earlier attempts at some work that the program did not survive.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn failed_attempts(&self, work: AttemptKind, subject: &str) -> Result<u32, StoreError> {
         let found: sqlx::Result<Option<i64>> = sqlx::query_scalar(
             "SELECT attempts FROM attempt
@@ -121,9 +118,6 @@ impl Store {
     }
 
     /// Records the end of an attempt with any outcome. Writes nothing if no attempt is stored.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn end_attempt(&self, work: AttemptKind, subject: &str) -> Result<(), StoreError> {
         let any =
             sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM attempt WHERE work = $1 AND subject = $2)");
@@ -136,9 +130,6 @@ impl Store {
     }
 
     /// Records that an attempt was interrupted, which is no evidence against its work: earlier attempts still count.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn break_off_attempt(&self, work: AttemptKind, subject: &str) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(break_off(&mut transaction, Some((work, subject)), PROCESS.0).await)?;
@@ -146,9 +137,6 @@ impl Store {
     }
 
     /// Records that all work of this process was interrupted, because it ends in good order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub(crate) async fn break_off_attempts(&self) -> Result<(), StoreError> {
         let any = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM attempt WHERE process = $1)");
         if !self.checked(any.bind(PROCESS.0).fetch_one(&self.readers).await)? {
@@ -162,9 +150,6 @@ impl Store {
     /// Begins the life of a daemon. If the last life did not end in good order, work that was not in progress then is
     /// innocent, and its rows are deleted. Returns the other exports by their paths on this host, with the number of
     /// attempts that the program did not survive.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn take_over_attempts(&self) -> Result<Vec<(PathBuf, u32)>, StoreError> {
         let host = self.located(String::new());
         let mut transaction = self.begin().await?;

@@ -55,9 +55,6 @@ pub struct BlockedFile {
 impl Store {
     /// Stores that a growing file cannot be read further. Returns true if the file, its line or its problem is new;
     /// otherwise the time of the first record is kept.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn block_file(&self, block: BlockReason<'_>) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_new = self.checked(block_file(&mut transaction, block).await)?;
@@ -66,9 +63,6 @@ impl Store {
     }
 
     /// Deletes the record of a file that is read again, or is gone. Writes nothing if there is none.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unblock_file(&self, path: &str) -> Result<(), StoreError> {
         let known = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM blocked_file WHERE path = $1)");
         if !self.checked(known.bind(path).fetch_one(&self.readers).await)? {
@@ -80,17 +74,11 @@ impl Store {
     }
 
     /// Growing files that cannot be read further, the longest waiting first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn blocked_files(&self) -> Result<Vec<BlockedFile>, StoreError> {
         self.checked(all(&self.readers).await)
     }
 
     /// Deletes the records of files of this host that no longer exist.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unblock_vanished(&self, is_there: impl Fn(&Path) -> bool) -> Result<(), StoreError> {
         for file in self.blocked_files().await? {
             if self.local_path(&file.source_path).is_some_and(|path| !is_there(&path)) {

@@ -8,9 +8,6 @@ use crate::handle::Store;
 impl Store {
     /// The latest run whose content was seen in a file of this name, in any folder. The run may have been read from a
     /// file of another name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_of_file_named(&self, name: &str) -> Result<Option<i64>, StoreError> {
         self.checked(run_of_file_named(&self.readers, name).await)
     }

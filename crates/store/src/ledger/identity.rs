@@ -13,9 +13,6 @@ use armwatch_model::run::ContentHash;
 impl Store {
     /// The runs of an export with this content, each with its robot and the name of its file. One export may have the
     /// columns of several robots.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn runs_of_content(
         &self,
         hash: &ContentHash,

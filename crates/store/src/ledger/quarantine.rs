@@ -151,9 +151,6 @@ impl FaultState {
 impl Store {
     /// Stores that an export could not be read, with the reason and place. Stored cycles stay, and a complete run stays
     /// complete. Returns the key of the run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn quarantine(&self, header: &RunHeader, fault: &ExportFault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
         if let Some(run) =
@@ -167,17 +164,11 @@ impl Store {
     }
 
     /// Every fault of every run; newest run first, then latest fault first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn faults(&self) -> Result<Vec<QuarantineRow>, StoreError> {
         self.checked(rows(&self.readers).await)
     }
 
     /// Marks a quarantined run to be read again by the daemon; `false` if it is not quarantined.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_asked = self.checked(ask_retry(&mut *transaction, run_id).await)?;
@@ -186,9 +177,6 @@ impl Store {
     }
 
     /// Paths of exports that are marked to be read again.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
         let paths = self.checked(paths_to_retry(&self.readers).await)?;
         let here = paths.iter().filter_map(|path| self.local_path(path));
@@ -340,9 +328,6 @@ fn dismissal(row: &EngineRow) -> sqlx::Result<Option<Dismissal>> {
 impl Store {
     /// Dismisses the latest fault of a quarantined run. `false` if the run is not quarantined, or its fault is already
     /// dismissed.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn dismiss(&self, run_id: i64, by: &str, reason: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query(
@@ -358,9 +343,6 @@ impl Store {
     }
 
     /// Withdraws the dismissal of a run's fault; the dismissal stays on record.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn withdraw_dismissal(&self, run_id: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query(

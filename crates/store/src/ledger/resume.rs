@@ -32,17 +32,11 @@ pub struct ReadSoFar {
 
 impl Store {
     /// Place for resuming the reading of a run after its stored cycles.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn resume_point(&self, run_id: i64) -> Result<Option<StoredPoint>, StoreError> {
         self.checked(of_run(&self.readers, run_id).await)
     }
 
     /// Deletes the place, so that the run is read from its start next time.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(forget(&mut *transaction, run_id).await)?;

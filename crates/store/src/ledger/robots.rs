@@ -7,9 +7,6 @@ use armwatch_model::robot::name::composed;
 
 impl Store {
     /// Names of the robots that have runs which were read, or are being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_robots(&self) -> Result<Vec<String>, StoreError> {
         let names = sqlx::query_scalar(
             "SELECT name FROM robot
@@ -20,9 +17,6 @@ impl Store {
     }
 
     /// Returns true if a robot of this name has runs which were read, or are being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn knows_robot(&self, name: &str) -> Result<bool, StoreError> {
         let found = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM run JOIN robot USING (robot_id)

@@ -75,17 +75,11 @@ pub enum Owner {
 
 impl Store {
     /// State of the export with this content; if several robots have one, that of the first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
         Ok(self.runs_of_content(hash).await?.into_iter().next().map(|(run, ..)| run))
     }
 
     /// Returns true if a run has an export of this size. Only then can a content be that of a known export.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn has_run_of_bytes(&self, bytes: u64) -> Result<bool, StoreError> {
         let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_bytes = $1)");
         self.checked(found.bind(count(bytes)).fetch_one(&self.readers).await)
@@ -93,9 +87,6 @@ impl Store {
 
     /// Quarantines an unfinished run whose file is gone, for `reason`. Its cycles stay, and reading continues if the
     /// file returns. Returns true if there was such a run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         self.refuse_run_of_another(&mut transaction, run_id).await?;
@@ -106,9 +97,6 @@ impl Store {
 
     /// Begins a run. Returns an unfinished or complete run with this content unchanged. A quarantined one begins from
     /// its first row, since its export is only read again after a correction.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn begin_run(&self, header: &RunHeader) -> Result<KnownRun, StoreError> {
         let mut transaction = self.begin().await?;
         let run = self.checked(begin_run(&mut transaction, header).await)?;
@@ -117,9 +105,6 @@ impl Store {
     }
 
     /// State of a run; `None` if it is unknown.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_run(&self, run_id: i64) -> Result<Option<KnownRun>, StoreError> {
         match run_by_key(&self.readers, run_id).await {
             Err(sqlx::Error::RowNotFound) => Ok(None),
@@ -129,9 +114,6 @@ impl Store {
 
     /// Marks the unfinished run `old` as superseded by `run_id`, because its file was overwritten with the content of
     /// that run. Its rows stay. Does nothing if `old` is complete by now.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         // another daemon may have completed it since
@@ -143,9 +125,6 @@ impl Store {
 
     /// Deletes the unfinished run `run_id`, because the complete run `other` has its content. The runs that it
     /// superseded become superseded by `other`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn merge_run(&self, run_id: i64, other: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(hand_on(&mut *transaction, run_id, other).await)?;
@@ -154,9 +133,6 @@ impl Store {
     }
 
     /// Deletes an incomplete run with all its rows. Returns true if there was one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn discard_run(&self, run_id: i64) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let found = self.checked(discard(&mut *transaction, run_id).await)?;
@@ -166,9 +142,6 @@ impl Store {
 
     /// Sets `identity` as the identity of a run that was read while its file grew, since its content is not read. Does
     /// nothing for other runs.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn identify_growing_by(&self, run_id: i64, identity: &ContentHash) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query("UPDATE run SET content_hash = $1 WHERE run_id = $2 AND growing")
@@ -180,9 +153,6 @@ impl Store {
     }
 
     /// Stores the kind of a run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(set_kind(&mut *transaction, run_id, kind).await)?;

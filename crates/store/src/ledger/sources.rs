@@ -124,18 +124,12 @@ impl Store {
     }
 
     /// State of the export that was at `path` in this state when it was last read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_source(&self, path: &str, state: SourceState) -> Result<Option<KnownRun>, StoreError> {
         self.checked(find(&self.readers, path, state).await)
     }
 
     /// State of the exports that were at `paths` when they were last read, by path: size in bytes, time of the last
     /// modification in microseconds UTC, and run. Unknown paths are omitted.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_sources(
         &self,
         paths: &[String],
@@ -144,9 +138,6 @@ impl Store {
     }
 
     /// Stores that the file at `path`, in this state, holds the export of a run. This ends the attempt at it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remember_source(
         &self,
         path: &str,
@@ -162,9 +153,6 @@ impl Store {
 
     /// Runs whose export was at `path`, was in the file of this number under another name, or is of this recording
     /// (robot and start): first that of the path, then the newest.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn earlier_runs(
         &self,
         path: &str,
@@ -176,9 +164,6 @@ impl Store {
 
     /// Files of incomplete runs, as they were when the runs were last begun. Omits those of other hosts and those that
     /// other programs read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
         let mut found = self.checked(unfinished(&self.readers).await)?;
         let of_others = self.runs_of_others().await?;
@@ -193,9 +178,6 @@ impl Store {
     }
 
     /// Identity of the export of a run; `None` if the run is unknown.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
         let Some(mut source) = self.checked(of_run(&self.readers, run_id).await)? else {
             return Ok(None);
@@ -217,9 +199,6 @@ impl Store {
 
     /// Content with this file name: that of the latest run with this name that is neither quarantined, superseded nor
     /// growing.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn content_named(&self, source_name: &str) -> Result<Option<ContentHash>, StoreError> {
         self.checked(content_named(&self.readers, source_name).await)
     }

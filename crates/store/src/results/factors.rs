@@ -58,9 +58,6 @@ pub enum FactorsWanted {
 
 impl Store {
     /// Reads the factors of a run's cycles, in the order of the cycles; omits cycles without any.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn factors_of_run(
         &self,
         run_id: i64,
@@ -72,9 +69,6 @@ impl Store {
 
     /// Reads the factors of some cycles of a run, given by their numbers in ascending order; omits cycles without any.
     /// Memory does not grow with the run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn factors_of_cycles(
         &self,
         run_id: i64,

@@ -52,9 +52,6 @@ impl WindowsToJoin {
 
 impl Store {
     /// Factors that windows of a run were joined into, one entry per choice of columns; none for a test.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn joined_factors(&self, run_id: i64) -> Result<Vec<JoinedFactors>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(joined_factors(&mut connection, run_id).await)
@@ -62,9 +59,6 @@ impl Store {
 
     /// The first windows of a run, at most `most`, that have their own factors over the same columns; `None` if no
     /// window has.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn windows_to_join(
         &self,
         run_id: i64,
@@ -76,9 +70,6 @@ impl Store {
 
     /// Replaces the factors of `windows` by `joined`, in one transaction. Returns `false` and changes nothing if the
     /// stored factors have changed, or their run is being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn join_windows(
         &self,
         windows: &WindowsToJoin,

@@ -19,18 +19,12 @@ use armwatch_model::analysis::{
 impl Store {
     /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be compared with, the best
     /// first: the latest that started no later and those before it, then the first that started later.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reference_runs(&self, run_id: i64, most: usize) -> Result<Vec<i64>, StoreError> {
         self.checked(reference_runs(&self.readers, run_id, most).await)
     }
 
     /// Complete tests of a robot that windows from a time on may be compared with, oldest first: those that started
     /// later, and for each of these descriptions the latest `most` before.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reference_tests(
         &self,
         robot_id: i64,
@@ -52,9 +46,6 @@ impl Store {
 
     /// Production windows of a robot that have factors, by run and number, with the test that they are compared with by
     /// `estimator`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn production_windows(
         &self,
         robot_id: i64,
@@ -64,9 +55,6 @@ impl Store {
     }
 
     /// The run whose parameters a production window was compared with.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
         self.checked(checked_against(&self.readers, run_id, cycle).await)
     }

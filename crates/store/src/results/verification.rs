@@ -57,25 +57,16 @@ pub struct OfCycle<T> {
 
 impl Store {
     /// States of the cycles of a run, in order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
         self.checked(cycle_states(&self.readers, run_id).await)
     }
 
     /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
         self.checked(self_rmsd(&self.readers, run_id).await)
     }
 
     /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
         self.checked(warming_contrasts(&self.readers, run_id).await)
     }

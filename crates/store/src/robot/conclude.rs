@@ -50,9 +50,6 @@ pub struct ConclusionTransaction {
 
 impl ConclusionTransaction {
     /// Replaces the fits over all runs of the robot.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
         let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
         self.checked(result)
@@ -60,9 +57,6 @@ impl ConclusionTransaction {
 
     /// Stores the friction points that fits over the robot's tests use, one row per test. Does so only if the history
     /// is still the one that they were read from.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_friction_points(
         &mut self,
         history: &FrictionSeries,
@@ -73,27 +67,18 @@ impl ConclusionTransaction {
     }
 
     /// Returns true if another program has already stored a conclusion from the present history.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn is_concluded(&mut self) -> Result<bool, StoreError> {
         let result = is_concluded(&mut *self.transaction, self.robot_id).await;
         self.checked(result)
     }
 
     /// Present number of changes of the robot's history.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn history(&mut self) -> Result<i64, StoreError> {
         let result = history_of(&mut *self.transaction, self.robot_id).await;
         self.checked(result)
     }
 
     /// Stores the comparisons of a production log's windows, given by their numbers, with tests. Replaces earlier ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn settle_production(
         &mut self,
         run_id: i64,
@@ -104,9 +89,6 @@ impl ConclusionTransaction {
     }
 
     /// Stores summaries of production logs whose windows are all settled and that have none.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
         let settled = settled::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
         // older ones have a summary: a log that loses it also loses its settled part
@@ -176,17 +158,11 @@ impl ConclusionTransaction {
 
 impl Store {
     /// Robots whose history has changed since their conclusion, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn stale_robots(&self) -> Result<Vec<StaleRobot>, StoreError> {
         self.checked(stale_robots(&self.readers).await)
     }
 
     /// Opens the transaction that stores the conclusion of a robot.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn conclude(&self, robot_id: i64) -> Result<ConclusionTransaction, StoreError> {
         let transaction = self.begin().await?;
         Ok(ConclusionTransaction { transaction, path: Arc::clone(&self.path), robot_id })

@@ -21,9 +21,6 @@ pub struct ConclusionFault {
 impl Store {
     /// Stores that the conclusion of a robot failed, with the reason; returns true if the fault or its reason is new.
     /// The fault stays until a conclusion is stored.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn note_conclusion_fault(&self, robot: &str, reason: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_new = self.checked(note(&mut transaction, robot, reason).await)?;
@@ -32,9 +29,6 @@ impl Store {
     }
 
     /// Robots whose conclusion failed, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn conclusion_faults(&self) -> Result<Vec<ConclusionFault>, StoreError> {
         self.checked(all(&self.readers).await)
     }

@@ -114,17 +114,11 @@ pub struct DecidedRun {
 
 impl Store {
     /// Runs of the robot of this name whose starts are judged, in the order of their arrival.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn dated_runs(&self, robot: &str) -> Result<Vec<DatedRun>, StoreError> {
         self.checked(dated_runs(&self.readers, robot).await)
     }
 
     /// Stores the judgement on the starts of these runs, and gives them their places in the history.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn mark_dates(
         &self,
         found: &[(i64, Option<ImplausibleDate>, DatedPlace)],
@@ -136,9 +130,6 @@ impl Store {
     }
 
     /// Applies a decision about a run, which makes the conclusions of its robot stale.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn decide_about_run(
         &self,
         run_id: i64,

@@ -33,17 +33,11 @@ macro_rules! friction_counts {
 
 impl Store {
     /// Friction points of a run, in the order of the cycles.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_points(&self, run_id: i64) -> Result<Vec<CyclePoint>, StoreError> {
         self.checked(friction_points(&self.readers, run_id).await)
     }
 
     /// Reads the measurements of a run's stored cycles, without the writer.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_measurements(&self, run_id: i64) -> Result<RunMeasurements, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(run_measurements(&mut connection, run_id).await)
@@ -51,9 +45,6 @@ impl Store {
 
     /// Mean motor temperature of each joint over cycles, each given by run and number, degC; `None` for a joint without
     /// one, and empty if no joint has one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn motor_temperatures(&self, cycles: &[(i64, u32)]) -> Result<Vec<Option<f64>>, StoreError> {
         let mut sums: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
         for cycle in cycles {
@@ -70,17 +61,11 @@ impl Store {
 
     /// Speed levels with warm friction of a joint in the robot's latest complete test, as fractions of the largest. A
     /// test without warm friction is skipped.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn latest_warm_levels(&self, robot_id: i64) -> Result<Vec<f64>, StoreError> {
         self.checked(latest_warm_levels(&self.readers, robot_id).await)
     }
 
     /// Key and name of every robot with a complete test, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn tested_robots(&self) -> Result<Vec<(i64, String)>, StoreError> {
         self.checked(tested_robots(&self.readers).await)
     }

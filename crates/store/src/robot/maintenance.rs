@@ -74,9 +74,6 @@ impl Store {
     /// acknowledged or shelved are put into maintenance. The conclusions of the robot become stale.
     ///
     /// The same maintenance within a minute is one entry, also if two programs enter it at once.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn enter_maintenance(
         &self,
         of: &NewMaintenance,
@@ -95,9 +92,6 @@ impl Store {
 
     /// Removes an entry and returns it; `None` if none has this key. Anomalies that are in maintenance by no other
     /// entry become open, and the conclusions of the robot become stale.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remove_maintenance(
         &self,
         maintenance_id: i64,
@@ -111,9 +105,6 @@ impl Store {
 
     /// Corrects an entry and returns its key, which is a new one if the place or the time has changed. Alarms and
     /// baselines are then as if the old entry had never existed. `None` if none has this key.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn edit_maintenance(
         &self,
         maintenance_id: i64,
@@ -129,17 +120,11 @@ impl Store {
     }
 
     /// Maintenance of one robot or, without a name, of all, by time.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn maintenance(&self, robot: Option<&str>) -> Result<Vec<MaintenanceRow>, StoreError> {
         self.checked(rows(&self.readers, robot).await)
     }
 
     /// Number of a robot's joints in its tests; `None` if no robot has this name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_joints(&self, robot: &str) -> Result<Option<usize>, StoreError> {
         let found: Option<i64> = self.checked(
             sqlx::query_scalar(

@@ -43,18 +43,12 @@ pub struct OpenTest {
 
 impl Store {
     /// The test of this key while it is being written; `None` if it is no test, or no longer open.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn open_test(&self, run_id: i64) -> Result<Option<OpenTest>, StoreError> {
         self.checked(open_test(&self.readers, run_id).await)
     }
 
     /// Ordinals of the epochs of the first `joints` joints that an open test belongs to; see
     /// [`RunSummary::epochs`](armwatch_model::anomaly::RunSummary::epochs).
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn open_test_epochs(&self, test: &OpenTest, joints: usize) -> Result<Vec<u32>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         let (robot_id, run_id) = (test.robot_id, test.run_id);
@@ -70,9 +64,6 @@ impl ConclusionTransaction {
     /// no longer open: then the complete test decides.
     ///
     /// A finding that continues an anomaly of the robot's complete tests is announced only if it is worse by a step.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reconcile_open(
         &mut self,
         test: &OpenTest,

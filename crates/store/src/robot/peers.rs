@@ -17,9 +17,6 @@ const COMPARED_AT_ONCE: i64 = 8;
 impl Store {
     /// The first `tests` complete tests of each other robot whose latest test is of the same model, for robots with
     /// that many, by name; at most [`MOST_PEERS`].
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn peers(&self, robot_id: i64, tests: usize) -> Result<Vec<Peer>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(peers(&mut connection, robot_id, tests).await)
@@ -29,9 +26,6 @@ impl Store {
 impl ConclusionTransaction {
     /// Stores the number of others that the robot was compared with, and makes robots of its model stale that could be
     /// compared with more than they were. `tests` is the number of tests that a robot needs for the comparison.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn compared_with(&mut self, peers: usize, tests: usize) -> Result<(), StoreError> {
         let result = compared_with(&mut self.transaction, self.robot_id, peers, tests).await;
         self.checked(result)

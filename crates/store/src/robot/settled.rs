@@ -19,17 +19,11 @@ use armwatch_model::run::RunKind;
 impl Store {
     /// The part of the robot's history of this kind that is settled at the latest boundary; at its beginning nothing is
     /// settled.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn settled(&self, robot_id: i64, kind: RunKind) -> Result<Settled, StoreError> {
         Ok(self.checked(latest(&self.readers, robot_id, kind).await)?.unwrap_or_default())
     }
 
     /// Keys of the runs of a window, oldest first: those before the boundary, and at most `most` after it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn window_keys(
         &self,
         robot_id: i64,
@@ -42,9 +36,6 @@ impl Store {
     }
 
     /// The tests used for the robot's latest conclusion, and all later ones, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn latest_window(&self, robot_id: i64, method: u64) -> Result<Vec<RunSummary>, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         let settled =
@@ -56,9 +47,6 @@ impl Store {
     }
 
     /// Summaries of production logs, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn log_window(&self, run_ids: &[i64]) -> Result<Vec<ProductionSummary>, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         self.checked(log_summaries::summaries(&mut snapshot, run_ids).await)
@@ -66,9 +54,6 @@ impl Store {
 
     /// Opens the settled history of a robot, or of all robots, from this time on: the next conclusion evaluates the
     /// tests and logs from there again, with all that have arrived since. Returns the names of the robots.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reopen_history(
         &self,
         robot: Option<&str>,
@@ -93,9 +78,6 @@ impl Store {
 
     /// Start of the first run that is not settled, if this run arrived too late to be evaluated: it began before the
     /// boundary and was stored after that was settled. `None` for runs that are evaluated.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn arrived_too_late(&self, run_id: i64) -> Result<Option<Timestamp>, StoreError> {
         let boundary: Option<i64> = self.checked(
             sqlx::query_scalar(
@@ -115,9 +97,6 @@ impl Store {
 impl Store {
     /// Start of the first run of this kind that is not settled, if it is later than this time: conclusions will not use
     /// an export that begins then.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn settled_after(
         &self,
         robot: &str,

@@ -31,9 +31,6 @@ pub struct TestWindow {
 
 impl Store {
     /// Stores the summaries of those tests whose results have changed since, and of those that have none.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn summarise_tests(&self, run_ids: &[i64], method: u64) -> Result<(), StoreError> {
         let outdated = self.checked(outdated(&self.readers, run_ids, method).await)?;
         for some in outdated.chunks(TESTS_AT_ONCE) {
@@ -49,9 +46,6 @@ impl Store {
 
     /// Reads these tests of a robot, from their stored summaries if these are valid. `first_of_epochs` are other tests,
     /// with which epochs began.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn test_window(
         &self,
         robot_id: i64,
@@ -64,9 +58,6 @@ impl Store {
     }
 
     /// Stores judgements of tests, as bytes, replacing earlier ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_judgements(&self, judgements: &[(i64, Vec<u8>)]) -> Result<(), StoreError> {
         if judgements.is_empty() {
             return Ok(());
@@ -83,9 +74,6 @@ impl Store {
     }
 
     /// Reads all complete tests of a robot from the tables, ordered by start, then key.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         let run_ids = self.checked(complete_tests(&mut *snapshot, robot_id).await)?;

@@ -32,9 +32,6 @@ pub struct NewWindow {
 impl Store {
     /// Plans a window and returns its key; `None` if no robot has this name. If the window has begun, open alarms of
     /// its place are put into maintenance.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn plan_window(&self, of: &NewWindow, clock: Timestamp) -> Result<Option<i64>, StoreError> {
         let mut transaction = self.begin().await?;
         let planned = plan(&mut transaction, of, clock).await;
@@ -44,9 +41,6 @@ impl Store {
     }
 
     /// Deletes a window; returns false if none has this key. Alarms that only this window holds become open.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cancel_window(&self, window_id: i64, clock: Timestamp) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let cancelled = cancel(&mut transaction, window_id, clock).await;
@@ -111,7 +105,7 @@ pub(in crate::robot) async fn hold(
 }
 
 /// An open alarm with the window of its place that ends last.
-pub(in crate::robot) struct Held {
+pub(in crate::robot) struct HeldAlarm {
     anomaly_id: i64,
     until: Timestamp,
     what: String,
@@ -122,7 +116,7 @@ pub(in crate::robot) struct Held {
 pub(in crate::robot) async fn waiting(
     executor: impl EngineExecutor<'_>,
     clock: Timestamp,
-) -> sqlx::Result<Vec<Held>> {
+) -> sqlx::Result<Vec<HeldAlarm>> {
     let mut held = sqlx::query(
         "SELECT anomaly.anomaly_id, planned.until_at, planned.what, planned.who
          FROM maintenance_window AS planned JOIN anomaly USING (robot_id)
@@ -133,7 +127,7 @@ pub(in crate::robot) async fn waiting(
     )
     .bind(clock.as_microsecond())
     .try_map(|row: EngineRow| {
-        Ok(Held {
+        Ok(HeldAlarm {
             anomaly_id: row.try_get("anomaly_id")?,
             until: time(&row, "until_at")?,
             what: row.try_get("what")?,

@@ -33,12 +33,12 @@ impl Noise {
 }
 
 /// Two joints that depend on the same three parameters.
-struct Problem {
+struct TwoJoints {
     rows: Vec<[[f64; 3]; 2]>,
     tau: Vec<[f64; 2]>,
 }
 
-impl Problem {
+impl TwoJoints {
     fn new(rows: usize, sigma: [f64; 2], mut error: impl FnMut(usize, usize) -> f64) -> Self {
         let mut problem = Self { rows: Vec::new(), tau: Vec::new() };
         for i in 0..rows {
@@ -52,7 +52,7 @@ impl Problem {
     }
 }
 
-impl RowSource for Problem {
+impl RowSource for TwoJoints {
     fn columns(&self) -> usize {
         3
     }
@@ -71,7 +71,7 @@ impl RowSource for Problem {
 #[test]
 fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
     let mut noise = Noise(1);
-    let problem = Problem::new(4000, [0.1, 2.0], |_, _| noise.next());
+    let problem = TwoJoints::new(4000, [0.1, 2.0], |_, _| noise.next());
     let found = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
     assert!(found.settled);
     // The scatter of a standard deviation from 4000 rows is 1 %.
@@ -98,7 +98,8 @@ fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
 #[test]
 fn huber_shrugs_off_outliers_that_pull_least_squares_away() {
     let mut noise = Noise(2);
-    let problem = Problem::new(2000, [0.2, 0.2], |i, _| noise.next() + if i % 20 == 0 { 60.0 } else { 0.0 });
+    let problem =
+        TwoJoints::new(2000, [0.2, 0.2], |i, _| noise.next() + if i % 20 == 0 { 60.0 } else { 0.0 });
     let least_squares = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
     let robust = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
     let worst = |theta: &[f64]| {
@@ -113,7 +114,7 @@ fn huber_shrugs_off_outliers_that_pull_least_squares_away() {
 #[test]
 fn without_outliers_huber_is_nearly_least_squares() {
     let mut noise = Noise(3);
-    let problem = Problem::new(2000, [0.2, 0.4], |_, _| noise.next());
+    let problem = TwoJoints::new(2000, [0.2, 0.4], |_, _| noise.next());
     let plain = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
     let robust = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
     for k in 0..3 {
@@ -124,15 +125,15 @@ fn without_outliers_huber_is_nearly_least_squares() {
 #[test]
 fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_noise() {
     let mut noise = Noise(4);
-    let white = Problem::new(8000, [0.5, 0.5], |_, _| noise.next());
+    let white = TwoJoints::new(8000, [0.5, 0.5], |_, _| noise.next());
     let mut slow = [0.0; 2];
     let mut noise = Noise(5);
-    let red = Problem::new(8000, [0.5, 0.5], |_, j| {
+    let red = TwoJoints::new(8000, [0.5, 0.5], |_, j| {
         slow[j] = 0.98 * slow[j] + (1.0_f64 - 0.98 * 0.98).sqrt() * noise.next();
         slow[j]
     });
     let rule = WeightRule::equal(2);
-    let ratio = |problem: &Problem| {
+    let ratio = |problem: &TwoJoints| {
         let solution =
             joined(&joint_factors(problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
         let clustered = clustered(problem, &solution.theta, &rule).expect("a covariance");
@@ -157,7 +158,7 @@ fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_n
 #[test]
 fn clustered_errors_are_those_of_the_whole_matrix() {
     let mut noise = Noise(6);
-    let problem = Problem::new(200, [0.5, 0.2], |_, _| noise.next());
+    let problem = TwoJoints::new(200, [0.5, 0.2], |_, _| noise.next());
     let rule = WeightRule { sigma: vec![0.4, 0.3], huber: None };
     let w = Mat::from_fn(400, 3, |i, k| problem.rows[i / 2][i % 2][k] / rule.sigma[i % 2]);
     let tau = Mat::from_fn(400, 1, |i, _| problem.tau[i / 2][i % 2] / rule.sigma[i % 2]);
@@ -199,7 +200,7 @@ fn leverage_does_not_swell_the_errors() {
     let (mut squares, mut stated) = (0.0, 0.0);
     for seed in 0..problems {
         let mut noise = Noise(700 + seed);
-        let mut problem = Problem::new(400, [0.5, 0.5], |_, _| 0.0);
+        let mut problem = TwoJoints::new(400, [0.5, 0.5], |_, _| 0.0);
         for (row, (w, tau)) in problem.rows.iter_mut().zip(&mut problem.tau).enumerate() {
             for j in 0..2 {
                 w[j][2] = if (200..240).contains(&row) { 1.0 } else { 0.0 };
@@ -225,7 +226,7 @@ fn noise_that_takes_back_what_it_gave_counts_little() {
     for seed in 0..20 {
         let mut noise = Noise(300 + seed);
         let mut before = [0.0; 2];
-        let problem = Problem::new(2000, [0.5, 0.5], |_, j| {
+        let problem = TwoJoints::new(2000, [0.5, 0.5], |_, j| {
             let fresh = noise.next();
             fresh - std::mem::replace(&mut before[j], fresh)
         });
@@ -253,7 +254,7 @@ fn stated_errors_of_a_robust_estimate_are_its_scatter() {
         let mut noise = Noise(100 + seed);
         // sums of uniform numbers are close enough to normal for a scale by the median
         let mut normal = || (0..6).map(|_| noise.next()).sum::<f64>() / 6_f64.sqrt();
-        let problem = Problem::new(500, [0.5, 0.2], |_, _| normal());
+        let problem = TwoJoints::new(500, [0.5, 0.2], |_, _| normal());
         let found = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
         let errors = clustered(&problem, &found.solution.theta, &found.rule);
         let errors = errors.expect("a covariance");
@@ -284,10 +285,10 @@ fn three_parameters() -> Vec<ParameterId> {
 }
 
 /// Noise that is slow in one joint only.
-fn half_slow(seed: u64, sigma: [f64; 2]) -> Problem {
+fn half_slow(seed: u64, sigma: [f64; 2]) -> TwoJoints {
     let mut noise = Noise(seed);
     let mut slow = 0.0;
-    Problem::new(4000, sigma, |_, j| {
+    TwoJoints::new(4000, sigma, |_, j| {
         let fresh = noise.next();
         slow = if j == 1 { 0.9 * slow + (1.0_f64 - 0.81).sqrt() * fresh } else { slow };
         if j == 1 { slow } else { fresh }

@@ -51,12 +51,12 @@ impl Noise {
 }
 
 /// Cycles of equal length; `tau[cycle][row][joint]`.
-struct Test {
+struct StackedCycles {
     rows: usize,
     tau: Vec<Vec<[f64; 2]>>,
 }
 
-impl Test {
+impl StackedCycles {
     /// Creates cycles with the error `error(cycle, row, joint)`, in units of the joint's noise.
     fn new(cycles: usize, rows: usize, mut error: impl FnMut(usize, usize, usize) -> f64) -> Self {
         let mut row = |c: usize, i: usize| {
@@ -134,7 +134,7 @@ fn entries(c: usize, i: usize, j: usize) -> [f64; 5] {
     }
 }
 
-impl RowSource for Test {
+impl RowSource for StackedCycles {
     fn columns(&self) -> usize {
         5
     }
@@ -170,7 +170,7 @@ fn assert_equal(found: &[f64], expected: &[f64]) {
 
 #[test]
 fn ordinary_and_weighted_are_the_dense_solutions_of_the_rows() {
-    let test = Test::plain(3, 400, 1);
+    let test = StackedCycles::plain(3, 400, 1);
     let union = test.union();
     let ordinary = estimate(&union, &StackedEstimator::Ordinary).expect("parameters");
     assert_equal(&values(&ordinary), &test.raw(|_, _| 1.0, &[]));
@@ -188,7 +188,7 @@ fn ordinary_and_weighted_are_the_dense_solutions_of_the_rows() {
 
 #[test]
 fn each_joint_alone_is_the_dense_solution_of_its_rows() {
-    let test = Test::plain(2, 400, 2);
+    let test = StackedCycles::plain(2, 400, 2);
     for (joint, view) in per_joint_estimates(&test.union()) {
         let (j, view) = (joint.index(), view.expect("a view"));
         let (places, b) = (PLACES[j], PLACES[j].len());
@@ -215,7 +215,7 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
     let mut noise = Noise(4);
     // an error of whole cycles, so that none is repeated
     let mut slow = 0.0;
-    let test = Test::new(9, 100, |_, i, _| {
+    let test = StackedCycles::new(9, 100, |_, i, _| {
         slow = if i == 0 { 2.0 * noise.next() } else { slow };
         slow + noise.next()
     });
@@ -233,7 +233,7 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
 
 #[test]
 fn a_prior_is_further_rows_and_its_share_is_said() {
-    let test = Test::plain(3, 200, 5);
+    let test = StackedCycles::plain(3, 200, 5);
     let id = test.union().columns().kept()[2];
     let priors = vec![(id, ParameterPrior { value: 0.7, std: 0.02 })];
     let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
@@ -248,7 +248,7 @@ fn a_prior_is_further_rows_and_its_share_is_said() {
 
 #[test]
 fn a_prior_carries_what_the_motion_does_not_show() {
-    let mut test = Test::plain(8, 200, 6);
+    let mut test = StackedCycles::plain(8, 200, 6);
     // without rows of the second joint, its friction is not visible
     test.tau.iter_mut().flatten().for_each(|tau| tau[1] = 0.0);
     let columns = test.union().columns().clone();
@@ -278,7 +278,7 @@ fn a_prior_carries_what_the_motion_does_not_show() {
 #[test]
 fn a_cycle_with_a_collision_loses_its_weight() {
     let mut noise = Noise(7);
-    let test = Test::new(9, 200, |c, i, _| noise.next() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
+    let test = StackedCycles::new(9, 200, |c, i, _| noise.next() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
     let union = test.union();
     let robust = estimate(&union, &StackedEstimator::Huber).expect("parameters");
     let plain = estimate(&union, &StackedEstimator::Weighted).expect("parameters");
@@ -304,7 +304,8 @@ fn a_cycle_with_a_collision_loses_its_weight() {
 fn a_parameter_that_is_nothing_is_not_essential() {
     let mut noise = Noise(8);
     // the torque does not contain the third parameter
-    let test = Test::new(10, 200, |c, i, j| noise.next() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
+    let test =
+        StackedCycles::new(10, 200, |c, i, j| noise.next() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
     let found = estimate_essential(&test.union(), &StackedEstimator::Weighted, &EssentialSettings::default());
     let found = found.expect("parameters");
     let report = found.essential.clone().expect("a report");
@@ -327,7 +328,7 @@ fn coverage(cycles: usize, repeats: u64, estimator: &StackedEstimator) -> f64 {
         let mut noise = Noise(1000 + 7919 * seed);
         let mut state = [0.0; 2];
         let mut slow = [0.0; 2];
-        let test = Test::new(cycles, 60, |_, i, j| {
+        let test = StackedCycles::new(cycles, 60, |_, i, j| {
             if i == 0 {
                 state[j] = noise.normal();
                 slow[j] = noise.normal();

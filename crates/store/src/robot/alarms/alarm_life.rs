@@ -187,9 +187,6 @@ pub struct SeriesRun {
 
 impl Store {
     /// Stores a person's comment on an anomaly in any state. Returns the event.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn comment_on_anomaly(
         &self,
         anomaly_id: i64,
@@ -200,9 +197,6 @@ impl Store {
     }
 
     /// Assigns an anomaly to a person, or with `None` to no one, and stores who did that.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn assign_anomaly(
         &self,
         anomaly_id: i64,
@@ -230,9 +224,6 @@ impl Store {
 
     /// Applies `action` to all of these anomalies, or to none if it is impossible for one of them, and stores who did
     /// it and why.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn act_on_anomalies(
         &self,
         ids: &[i64],
@@ -252,9 +243,6 @@ impl Store {
     /// Opens shelved anomalies whose time ended before `clock`, and those in maintenance that a run after the
     /// maintenance shows or whose window has ended. Puts open ones whose window has begun into maintenance. Returns the
     /// events.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn end_shelving(&self, clock: Timestamp) -> Result<Vec<AnomalyEvent>, StoreError> {
         // readers do not wait for writers, and usually there is nothing to do
         let shelved = self.checked(shelved_before(&self.readers, clock).await)?;
@@ -272,17 +260,11 @@ impl Store {
     }
 
     /// Events of an anomaly, in order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn anomaly_history(&self, anomaly_id: i64) -> Result<Vec<AnomalyHistoryRow>, StoreError> {
         self.checked(history(&self.readers, Some(anomaly_id), (0, i64::MAX)).await)
     }
 
     /// These events, in order of time.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn anomaly_events(
         &self,
         events: &[AnomalyEvent],
@@ -296,9 +278,6 @@ impl Store {
     }
 
     /// Results of a robot's joints in its complete tests, by start and joint.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn evidence(&self, robot: &str) -> Result<Vec<SeriesRun>, StoreError> {
         self.checked(evidence(&self.readers, robot).await)
     }

@@ -33,9 +33,6 @@ pub struct OverdueRobot {
 
 impl Store {
     /// Outcome of run `run_id`; `None` if it is not complete.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_result(&self, run_id: i64) -> Result<Option<RunResult>, StoreError> {
         let found = sqlx::query(
             "SELECT cycles_stored,
@@ -73,9 +70,6 @@ impl Store {
 
     /// Stores that a test of this robot arrived in time, seen from `now`: from then on the robot can become overdue. A
     /// test older than the robot's usual interval is a copy of old files and does not count.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn watch_for_tests(&self, robot: &str, now: Timestamp) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query(
@@ -89,9 +83,6 @@ impl Store {
     }
 
     /// Marks robots as overdue whose next test should have begun before `now`. Returns the newly marked ones, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn mark_overdue(&self, now: Timestamp) -> Result<Vec<OverdueRobot>, StoreError> {
         let due: sqlx::Result<Vec<(i64, String, String)>> = sqlx::query_as(
             "SELECT robot_id, name, expected_by FROM robot

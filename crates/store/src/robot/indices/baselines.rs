@@ -129,9 +129,6 @@ pub struct FrictionConclusion {
 
 impl Store {
     /// Motion of a run and, on request, its friction.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_run(&self, test: &FrictionTest, with_points: bool) -> Result<MapRun, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(friction_run(&mut connection, test, with_points).await)
@@ -164,9 +161,6 @@ pub struct BaselineChange {
 
 impl Store {
     /// The baselines in force of a robot, by joint and epoch.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn baselines(&self, robot: &str) -> Result<Vec<BaselineRow>, StoreError> {
         let rows = sqlx::query(
             "SELECT joint, epoch, cause, started_at FROM baselines
@@ -197,9 +191,6 @@ impl Store {
     }
 
     /// All baselines of a robot that were ever formed, in that order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn baseline_changes(&self, robot: &str) -> Result<Vec<BaselineChange>, StoreError> {
         let rows = sqlx::query(
             "SELECT joint, epoch, replaced_because FROM baseline_changes
@@ -221,9 +212,6 @@ impl Store {
 
 impl ConclusionTransaction {
     /// Stores the present friction of the robot. Returns the baselines that were replaced.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_friction(
         &mut self,
         found: &FrictionConclusion,

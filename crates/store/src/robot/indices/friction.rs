@@ -38,9 +38,6 @@ pub struct CycleSpeedFits {
 impl Store {
     /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first. In a long history
     /// only the first dozen and the latest two dozen runs are used. Times count from the start of each point's own run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_history(
         &self,
         robot_id: i64,
@@ -52,25 +49,16 @@ impl Store {
     }
 
     /// Friction indices of the complete runs of a robot, by joint, oldest run first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
         self.checked(indices(&self.readers, robot).await)
     }
 
     /// Source of the thermal state of each joint of a robot that has a friction map, by joint.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn thermal_sources(&self, robot: &str) -> Result<Vec<ThermalSourceRow>, StoreError> {
         self.checked(thermal_sources(&self.readers, robot).await)
     }
 
     /// Reads cut-off and sample rate, Hz, of each cycle of a run that has both, by number of the cycle.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cutoffs_and_rates(&self, run_id: i64) -> Result<HashMap<u32, [f64; 2]>, StoreError> {
         self.checked(cutoffs_and_rates(&self.readers, run_id).await)
     }

@@ -17,9 +17,6 @@ use crate::values::count;
 impl Store {
     /// Data for comparing the next tests of a robot, with baselines of `baseline_runs` tests; `None` if all tests have
     /// to be read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_plan(
         &self,
         robot_id: i64,
@@ -39,9 +36,6 @@ impl Store {
     }
 
     /// Data of the tests of a plan, of the tests that it remembers, and of all later ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_tests_of(
         &self,
         robot_id: i64,
@@ -57,9 +51,6 @@ impl Store {
 impl ConclusionTransaction {
     /// Stores the data for comparing the next tests, replacing earlier ones. Does so only if the history is still the
     /// one that they were computed from.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_friction_plan(
         &mut self,
         plan: &KnownPlan,

@@ -15,9 +15,6 @@ use armwatch_model::robot::JointIndex;
 
 impl Store {
     /// Data of a robot's complete tests for their friction indices.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_tests(&self, robot_id: i64) -> Result<FrictionTests, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(of_robot(&mut connection, robot_id).await)
