@@ -4,10 +4,9 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::robot_code::vectors::ROUNDING;
-use armwatch_config::parse_robot;
 use armwatch_model::robot::ParameterId;
 use armwatch_testing::arms::{any_arm, numbers};
-use armwatch_testing::er3a;
+use armwatch_testing::{er3a, scara};
 
 fn origin() -> CodeOrigin {
     CodeOrigin {
@@ -60,8 +59,7 @@ fn what_is_zero_is_not_computed() {
 
 #[test]
 fn the_scara_needs_no_cosine_of_its_shoulder() {
-    let text = include_str!("../../../config/robots/scara.toml");
-    let robot = parse_robot("config/robots/scara.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
+    let robot = scara();
     let code = TorqueCode::new(&robot, &all(&robot, &[0.3; 200]), &robot.model, &origin());
     assert!(code.largest_difference() < ROUNDING);
     let source = &code.files(CodeLanguage::C)[1].text;

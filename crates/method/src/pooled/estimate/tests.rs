@@ -14,6 +14,7 @@ use crate::pooled::pool::PooledFactors;
 use armwatch_model::analysis::Motion;
 use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind};
 use armwatch_model::run::Stage;
+use armwatch_testing::noise::Noise;
 
 /// Tolerance for the rounding of a QR of some thousand rows, times the condition of the problem.
 const EQUAL: f64 = 1e-9;
@@ -34,21 +35,6 @@ fn kept() -> [ParameterId; 5] {
 
 /// Columns of each joint among all: the first joint does not depend on the second one's friction.
 const PLACES: [&[usize]; 2] = [&[0, 1, 2, 3], &[2, 3, 4]];
-
-/// Deterministic noise, uniform with standard deviation 1.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
-    }
-
-    /// Approximately normal number, as a sum of twelve.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() / 12_f64.sqrt()
-    }
-}
 
 /// Cycles of equal length; `tau[cycle][row][joint]`.
 struct StackedCycles {
@@ -71,7 +57,7 @@ impl StackedCycles {
     /// Creates cycles with white noise.
     fn plain(cycles: usize, rows: usize, seed: u64) -> Self {
         let mut noise = Noise(seed);
-        Self::new(cycles, rows, |_, _, _| noise.next())
+        Self::new(cycles, rows, |_, _, _| noise.uniform())
     }
 
     fn union_of(&self, cycles: impl Iterator<Item = usize>) -> PooledFactors {
@@ -216,8 +202,8 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
     // an error of whole cycles, so that none is repeated
     let mut slow = 0.0;
     let test = StackedCycles::new(9, 100, |_, i, _| {
-        slow = if i == 0 { 2.0 * noise.next() } else { slow };
-        slow + noise.next()
+        slow = if i == 0 { 2.0 * noise.uniform() } else { slow };
+        slow + noise.uniform()
     });
     for estimator in [StackedEstimator::Ordinary, StackedEstimator::Weighted] {
         let whole = estimate(&test.union(), &estimator).expect("parameters");
@@ -278,7 +264,8 @@ fn a_prior_carries_what_the_motion_does_not_show() {
 #[test]
 fn a_cycle_with_a_collision_loses_its_weight() {
     let mut noise = Noise(7);
-    let test = StackedCycles::new(9, 200, |c, i, _| noise.next() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
+    let test =
+        StackedCycles::new(9, 200, |c, i, _| noise.uniform() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
     let union = test.union();
     let robust = estimate(&union, &StackedEstimator::Huber).expect("parameters");
     let plain = estimate(&union, &StackedEstimator::Weighted).expect("parameters");
@@ -305,7 +292,7 @@ fn a_parameter_that_is_nothing_is_not_essential() {
     let mut noise = Noise(8);
     // the torque does not contain the third parameter
     let test =
-        StackedCycles::new(10, 200, |c, i, j| noise.next() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
+        StackedCycles::new(10, 200, |c, i, j| noise.uniform() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
     let found = estimate_essential(&test.union(), &StackedEstimator::Weighted, &EssentialSettings::default());
     let found = found.expect("parameters");
     let report = found.essential.clone().expect("a report");
