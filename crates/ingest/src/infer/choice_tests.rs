@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::proposal::{Hints, Proposed};
-use super::{infer, infer_each_arm, words};
+use super::{infer, infer_each_arm, name_words};
 use armwatch_config::{Column, Layout, parse_layout};
 use armwatch_model::robot::Robot;
 use armwatch_testing::er3a;
@@ -125,7 +125,7 @@ fn no_header_with_an_intended_and_a_measured_channel_gives_the_intended_one() {
         joints(move |j| format!("{base}_{j}"), move |j| Motion([0, 1, 3][quantity], j))
     };
     let mut headers = 0;
-    for (at, word) in words::INTENT.split_ascii_whitespace().enumerate() {
+    for (at, word) in name_words::INTENT.split_ascii_whitespace().enumerate() {
         for quantity in 0..3 {
             let base = bases[quantity][at % 4];
             let style = STYLES[(at + quantity) % STYLES.len()];
@@ -162,7 +162,7 @@ fn no_header_with_an_intended_and_a_measured_channel_gives_the_intended_one() {
 
 #[test]
 fn an_intended_channel_alone_is_a_question() {
-    for (at, word) in words::INTENT.split_ascii_whitespace().enumerate() {
+    for (at, word) in name_words::INTENT.split_ascii_whitespace().enumerate() {
         let style = STYLES[at % STYLES.len()];
         let torque = joints(|j| style(word, "torque", j), |j| Motion(3, j));
         let columns = [

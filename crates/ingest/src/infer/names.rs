@@ -1,6 +1,6 @@
 //! Analyses the name of a column: joint, quantity, unit, and hints that it was measured or not.
 
-use super::words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, PRESENT, TEMPERATURES, UNITS};
+use super::name_words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, PRESENT, TEMPERATURES, UNITS};
 
 /// Quantity of a column, or of the columns of all joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
