@@ -75,7 +75,7 @@ use access::{Access, AccessError};
 use answer::{BODY_BYTES, Refusal};
 use armwatch_config::{ClientSettings, Config, ServeSettings};
 use armwatch_store::Store;
-use compression::{COMPRESSED_AT_ONCE, Wanted, in_wanted_form};
+use compression::{AcceptedForm, COMPRESSED_AT_ONCE, in_wanted_form};
 use connections::{CONNECTIONS, ConnectionPlace, Connections};
 use network::{Network, Proxies};
 use rates::RequestRates;
@@ -280,7 +280,7 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
     {
         return Refusal::too_many(wait.as_secs() + 1).into_response();
     }
-    let wanted = Wanted::by(&request);
+    let wanted = AcceptedForm::by(&request);
     if *request.method() == Method::PUT {
         // an upload has other limits
         return next.run(request).await;

@@ -117,16 +117,16 @@ mod tests {
     use super::*;
 
     #[derive(Clone, Default)]
-    struct Written(Arc<Mutex<Vec<u8>>>);
+    struct LogBuffer(Arc<Mutex<Vec<u8>>>);
 
-    impl Written {
+    impl LogBuffer {
         fn text(&self) -> String {
             let written = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             String::from_utf8(written.clone()).expect("text")
         }
     }
 
-    impl Write for Written {
+    impl Write for LogBuffer {
         fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
             self.0.lock().unwrap_or_else(PoisonError::into_inner).write(bytes)
         }
@@ -136,7 +136,7 @@ mod tests {
         }
     }
 
-    impl<'a> MakeWriter<'a> for Written {
+    impl<'a> MakeWriter<'a> for LogBuffer {
         type Writer = Self;
 
         fn make_writer(&'a self) -> Self {
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn no_field_makes_a_line_or_gives_an_order() {
         for is_coloured in [false, true] {
-            let written = Written::default();
+            let written = LogBuffer::default();
             let subscriber = tracing_subscriber::fmt()
                 .with_writer(written.clone())
                 .with_ansi(false)
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn json_says_the_same_without_hidden_characters() {
-        let written = Written::default();
+        let written = LogBuffer::default();
         let subscriber = tracing_subscriber::fmt()
             .with_writer(written.clone())
             .json()

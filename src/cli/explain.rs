@@ -14,7 +14,7 @@ use crate::pipeline::look::explain::{
     CycleSketch, Explainer, Explanation, ExportReading, Ledger, NextAction, RecognisedAs,
 };
 use armwatch_config::{Config, Layout, PartMatch, layout_units};
-use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::bytes::parts::RecordingParts;
 use armwatch_ingest::find::join::join_paths;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::{ColumnMap, Role};
@@ -131,7 +131,7 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
 
 /// The parts of a recording in several files.
 fn parts_text(of: &Explanation, layout: &Layout) -> Option<String> {
-    let files = Parts::of(&of.path)?.files();
+    let files = RecordingParts::of(&of.path)?.files();
     let how = match layout.parts.as_ref().map_or(PartMatch::After, |rule| rule.matching) {
         PartMatch::Row => "joined by row number",
         PartMatch::Time => "joined by time",
@@ -460,7 +460,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
             "reason": rejection.reason, "remedy": rejection.remedy,
         })),
     });
-    if let Some(parts) = Parts::of(&of.path) {
+    if let Some(parts) = RecordingParts::of(&of.path) {
         let files = parts.files();
         value["parts"] = files.iter().map(|(_, file)| json!(text::of_path(file))).collect();
     }

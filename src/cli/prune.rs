@@ -87,7 +87,7 @@ async fn work(
         sums.iter().for_each(|sum| output::json(&sum.as_value(args.dry_run)));
         output::json(&json!({
             "dry_run": args.dry_run,
-            "bytes": sums.iter().map(Sum::freed).sum::<u64>(),
+            "bytes": sums.iter().map(RemovedSum::freed).sum::<u64>(),
             "freed_bytes": emptied.bytes().saturating_sub(before.bytes()),
             "given_back_bytes": emptied.page_bytes * emptied.pages.saturating_sub(after.pages),
             "free_bytes": after.bytes(),
@@ -109,7 +109,7 @@ async fn work(
     if args.dry_run {
         output::line(&format!(
             "nothing was changed; {} of {database} would be free, including {} that are free now",
-            megabytes(sums.iter().map(Sum::freed).sum::<u64>() + before.bytes()),
+            megabytes(sums.iter().map(RemovedSum::freed).sum::<u64>() + before.bytes()),
             megabytes(before.bytes())
         ));
         return Ok(EXIT_DONE);
@@ -145,7 +145,7 @@ async fn give_back(store: &Store, space: FreeSpace) -> Result<(), CliError> {
 }
 
 /// Removed data of one robot and kind.
-struct Sum {
+struct RemovedSum {
     robot: String,
     kind: RunKind,
     runs: u64,
@@ -155,7 +155,7 @@ struct Sum {
     stays: u64,
 }
 
-impl Sum {
+impl RemovedSum {
     fn freed(&self) -> u64 {
         self.bytes - self.stays
     }
@@ -184,10 +184,10 @@ impl Sum {
     }
 }
 
-fn by_robot(runs: &[DueRun]) -> Vec<Sum> {
-    let mut sums: BTreeMap<(&str, &str), Sum> = BTreeMap::new();
+fn by_robot(runs: &[DueRun]) -> Vec<RemovedSum> {
+    let mut sums: BTreeMap<(&str, &str), RemovedSum> = BTreeMap::new();
     for run in runs {
-        let sum = sums.entry((&run.robot, run.kind.name())).or_insert_with(|| Sum {
+        let sum = sums.entry((&run.robot, run.kind.name())).or_insert_with(|| RemovedSum {
             robot: run.robot.clone(),
             kind: run.kind,
             runs: 0,

@@ -7,7 +7,7 @@ use clap::Args;
 use jiff::Timestamp;
 use serde::Serialize;
 
-use super::alerts::words;
+use super::alerts::anomaly_texts;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::joints::{named, reasons};
 use super::shared::output;
@@ -75,7 +75,7 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
 
 /// A daemon, and the time of its last sign of life.
 fn host_in_words(row: &HostRow) -> String {
-    let seen = words::minute(row.seen_at);
+    let seen = anomaly_texts::minute(row.seen_at);
     match (row.state, row.is_lost()) {
         (HostState::AtWork, _) => format!("{} at work", row.host),
         (_, true) => format!("{} silent since {seen}", row.host),
@@ -85,7 +85,7 @@ fn host_in_words(row: &HostRow) -> String {
 
 impl FleetGlance {
     async fn read(store: &Store, recognition: &Recognition, now: Timestamp) -> Result<Self, CliError> {
-        let mut open = words::all(store, now).await?;
+        let mut open = anomaly_texts::all(store, now).await?;
         let answered = ANSWERED
             .map(|state| open.iter().filter(|row| is_alarm(row.severity) && row.state == state).count());
         open.retain(|row| row.state == AlarmState::Open);
@@ -132,7 +132,7 @@ impl FleetGlance {
 
     fn print(&self, now: Timestamp) {
         let last = self.health.iter().filter_map(|row| row.last_result_at).max();
-        let last = last.map_or_else(|| "none yet".to_owned(), words::minute);
+        let last = last.map_or_else(|| "none yet".to_owned(), anomaly_texts::minute);
         let tests =
             self.runs.iter().filter(|run| run.kind == RunKind::Test && run.status == RunStatus::Complete);
         let StoredCounts { cycles, .. } = self.counts;
@@ -149,7 +149,7 @@ impl FleetGlance {
         }
         for of in &self.unanswered {
             let host = if of.host.is_empty() { String::new() } else { format!("{}: ", of.host) };
-            let since = of.looked_at.map_or_else(|| "the daemon started".to_owned(), words::minute);
+            let since = of.looked_at.map_or_else(|| "the daemon started".to_owned(), anomaly_texts::minute);
             output::line(&format!("folder      {host}{} not scanned since {since}: no answer", of.folder));
         }
         let open: Vec<Severity> = self.open.iter().map(|row| row.severity).collect();
@@ -183,11 +183,11 @@ impl FleetGlance {
         self.print_robots(now, &robots);
         for row in &self.open {
             let severity = output::coloured(row.severity.name());
-            let since = words::minute(row.onset_at.unwrap_or(row.first_seen_at));
+            let since = anomaly_texts::minute(row.onset_at.unwrap_or(row.first_seen_at));
             output::line("");
             output::line(&format!(
                 "{severity} {}, since {since} (`armwatch alerts show {}`)",
-                words::name(row),
+                anomaly_texts::name(row),
                 row.anomaly_id
             ));
             output::line(&format!("  {}", row.message));
@@ -199,12 +199,12 @@ impl FleetGlance {
             let last = joints.iter().filter_map(|row| row.last_result_at).max();
             let changes: Vec<String> = joints.iter().map(|row| change(row, self.calls(row))).collect();
             let stale = stale_since(*status, joints, now);
-            let stale = stale.map(|since| format!(", stale since {}", words::minute(since)));
+            let stale = stale.map(|since| format!(", stale since {}", anomaly_texts::minute(since)));
             vec![
                 (*robot).to_owned(),
                 format!("{}{}", output::coloured(status.name()), stale.unwrap_or_default()),
                 changes.join(" "),
-                last.map_or_else(|| "-".to_owned(), words::minute),
+                last.map_or_else(|| "-".to_owned(), anomaly_texts::minute),
             ]
         };
         let rows: Vec<Vec<String>> = robots.iter().map(cells).collect();

@@ -12,7 +12,7 @@ use super::export_tasks::on_own_thread;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::intake;
 use armwatch_ingest::bytes::access::FileAccess;
-use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::bytes::parts::RecordingParts;
 use armwatch_ingest::find::archive::{Archived, archive};
 use armwatch_ingest::find::watch;
 use armwatch_model::run::RunStatus;
@@ -47,7 +47,7 @@ pub async fn after(
         return Ok(());
     };
     // the next part of a recording is read together with those before it
-    if Parts::of(path).is_some() || pipeline.config().part_of(&text::of_file_name(path)).is_some() {
+    if RecordingParts::of(path).is_some() || pipeline.config().part_of(&text::of_file_name(path)).is_some() {
         return Ok(());
     }
     // a commit survives the end of the process, but only a synced one survives a power failure

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use tokio::task::JoinSet;
 
 use crate::pipeline::conclude::history::Concluded;
-use crate::pipeline::conclude::open_test::OpenConclusion;
+use crate::pipeline::conclude::open_conclusion::OpenConclusion;
 use crate::pipeline::context::{Pipeline, PipelineError};
 
 /// A test and the result of its evaluation.

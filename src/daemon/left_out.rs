@@ -19,9 +19,6 @@ pub(super) struct LeftOutPlaces(HashSet<PathBuf>);
 
 impl LeftOutPlaces {
     /// Stores the places that are skipped now, and deletes the others.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub(super) async fn note(
         &mut self,
         pipeline: &Pipeline,

@@ -99,9 +99,6 @@ pub struct ExportsAhead {
 
 impl ExportsAhead {
     /// The next export, if it is read ahead.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn next(&mut self) -> Result<Option<ReadAhead>, PipelineError> {
         self.begun.recv().await.unwrap_or(Ok(None))
     }
@@ -139,9 +136,6 @@ impl Pipeline {
 
     /// Starts to read an export before its turn. Returns `None` if there is nothing to read, or if only its turn can
     /// decide: its treatment is final, a run continues with it, its name gives no robot, or it is not a test.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn read_ahead(
         &self,
         path: &Path,
@@ -260,9 +254,6 @@ impl Pipeline {
     /// Takes an export that is read ahead without hashing it first. This requires that no run has as many bytes, so
     /// that none has its content, and that no run continues with it. Returns `Err` if that is uncertain or something is
     /// unusual: the export must then be taken the normal way, which reports the problem.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub(super) async fn take_unhashed(
         &self,
         path: &Path,

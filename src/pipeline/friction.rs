@@ -24,9 +24,6 @@ use armwatch_store::{
 };
 
 /// Fits friction over speed of each cycle of run `run_id`, on several threads while some are `spare`.
-///
-/// # Errors
-/// Those of the store.
 pub async fn over_speed(
     store: &Store,
     run_id: i64,
@@ -63,7 +60,7 @@ fn speed_fits(
 
 /// Tests of a robot that conclusions on friction use, and their plan.
 #[derive(Debug)]
-pub struct Planned {
+pub struct PlannedTests {
     found: FrictionTests,
     plan: FrictionPlan,
     /// Positions of tests whose points were just counted.
@@ -77,43 +74,37 @@ pub struct Planned {
 /// Reads the tests of a robot that conclusions on friction use. For a long history, these are the latest tests and
 /// those that they are compared with, unless `of_all`: their plan gives the same result for the latest tests as the
 /// plan of all tests.
-///
-/// # Errors
-/// Those of the store.
 pub async fn planned(
     store: &Store,
     robot_id: i64,
     baseline_runs: usize,
     of_all: bool,
-) -> Result<Planned, PipelineError> {
+) -> Result<PlannedTests, PipelineError> {
     if !of_all && let Some(known) = store.friction_plan(robot_id, baseline_runs, INDEX_METHOD).await? {
         let mut found = store.friction_tests_of(robot_id, &known).await?;
         let unseen = look_at_points(store, &mut found).await?;
         if let Some((plan, known)) = known.extended(&found, baseline_runs, INDEX_METHOD) {
-            return Ok(Planned { found, plan, unseen, is_whole: false, known: Some(known) });
+            return Ok(PlannedTests { found, plan, unseen, is_whole: false, known: Some(known) });
         }
     }
     let mut found = store.friction_tests(robot_id).await?;
     let unseen = look_at_points(store, &mut found).await?;
     let plan = plan(&found, baseline_runs, INDEX_METHOD);
     let known = KnownPlan::of(&found, &plan);
-    Ok(Planned { found, plan, unseen, is_whole: true, known })
+    Ok(PlannedTests { found, plan, unseen, is_whole: true, known })
 }
 
 /// Friction of a robot by its present history: baselines and maps by the rule of [`plan`], and the index of every test
 /// whose stored index has another basis. A test is computed once, so that the effort depends on new data only; tests
 /// are read one at a time. If the history is long, the result contains the plan that the next tests are compared with.
 /// `of_all` has the same meaning as in [`planned`].
-///
-/// # Errors
-/// Those of the store.
 pub async fn friction_conclusion(
     store: &Store,
     robot_id: i64,
     baseline_runs: usize,
     of_all: bool,
 ) -> Result<(FrictionConclusion, Option<KnownPlan>), PipelineError> {
-    let Planned { found, plan, unseen, is_whole, known } =
+    let PlannedTests { found, plan, unseen, is_whole, known } =
         planned(store, robot_id, baseline_runs, of_all).await?;
     let is_due = |at: usize| {
         let basis = plan.tests[at].basis;

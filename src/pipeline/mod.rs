@@ -244,9 +244,6 @@ impl Pipeline {
 
     /// Selects the files that have not changed since their treatment was decided; [`process`](Self::process) would only
     /// repeat their outcome.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn known_as_they_are(&self, files: &[&FoundFile]) -> Result<Vec<PathBuf>, PipelineError> {
         let names: Vec<String> =
             files.iter().map(|file| take::intake::ledger_path(&self.store, &file.path)).collect();

@@ -140,9 +140,6 @@ pub(super) type NewChecks = (i64, Vec<(u32, ProductionCheck)>);
 /// A window belongs to the last test that started no later, or else to the first test; a test without parameters of the
 /// window's description is skipped. A check is computed again if it was stored by an estimator other than the
 /// configured one or its counterpart on factors.
-///
-/// # Errors
-/// Those of the store.
 pub(super) async fn settle(
     store: &Store,
     robot_id: i64,

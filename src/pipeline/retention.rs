@@ -39,9 +39,6 @@ pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
 
 /// Removes or joins the factors of the runs in [`Store::due_runs`], until a `stop` is requested. Returns the completed
 /// runs.
-///
-/// # Errors
-/// Those of the store.
 pub async fn prune(
     store: &Store,
     kept: &KeptSince,

@@ -48,9 +48,6 @@ pub struct Reweighted {
 impl Pipeline {
     /// Identifies all stored cycles with another estimator than the configured one again, if their factors allow it.
     /// `progress` is called after some cycles.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn reweight(
         &self,
         stop: &CancellationToken,

@@ -4,15 +4,15 @@ mod look;
 mod panel;
 mod series;
 mod sizes;
-mod words;
+mod picture_text;
 
 use std::fmt::Write;
 
 use self::look::legend;
 pub(super) use self::look::{style, swatch};
 use self::panel::draw_panel;
+use self::picture_text::{lines_of, squeezed, text};
 use self::sizes::{ABOVE, STRIP_GAP, STRIP_HEIGHT, WIDTH};
-use self::words::{lines_of, squeezed, text};
 use super::figure::{Figure, Panel};
 use armwatch_model::text::xml;
 

@@ -1,6 +1,6 @@
 //! The code of one arm: its input, and its files.
 
-use super::language::{Language, SourceFile};
+use super::language::{CodeLanguage, SourceFile};
 use super::origin::CodeOrigin;
 use super::torque::{CodeParameter, TorquePrograms};
 use super::vectors::TestVectors;
@@ -31,7 +31,7 @@ impl TorqueCode {
 
     /// Source, self-check and test vectors.
     #[must_use]
-    pub fn files(&self, language: Language) -> Vec<SourceFile> {
+    pub fn files(&self, language: CodeLanguage) -> Vec<SourceFile> {
         let mut files = languages::files(language, &self.name, &self.header, &self.programs);
         files.push(SourceFile { name: "vectors.csv".to_owned(), text: self.vectors.csv() });
         files

@@ -2,7 +2,7 @@
 
 /// A language of generated code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Language {
+pub enum CodeLanguage {
     /// C99, with a header that C++ reads too.
     C,
     /// Rust without crates.
@@ -11,7 +11,7 @@ pub enum Language {
     Python,
 }
 
-impl Language {
+impl CodeLanguage {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::C, Self::Rust, Self::Python];
 

@@ -7,7 +7,7 @@ use armwatch_model::robot::{JointKind, Parallelogram};
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// A joint's frame in the frame of the link before it.
-pub(super) struct Place {
+pub(super) struct JointFrame {
     /// Rotation at position 0, row by row.
     pub(super) r: [Vector; 3],
     /// Origin.
@@ -16,7 +16,7 @@ pub(super) struct Place {
     pub(super) turn: Option<(Expression, Expression)>,
 }
 
-impl Place {
+impl JointFrame {
     /// `R' v`: the constant rotation first, which is often a mere exchange of axes.
     fn to_inner(&self, graph: &mut ExpressionGraph, v: Vector) -> Vector {
         let [x, y, z] = [0, 1, 2].map(|column| graph.dot([0, 1, 2].map(|row| self.r[row][column]), v));
@@ -52,7 +52,7 @@ impl Place {
 }
 
 /// Motion of a link in its own frame, with gravity as an acceleration of the base.
-pub(super) struct Motion {
+pub(super) struct LinkMotion {
     /// Angular velocity.
     pub(super) w: Vector,
     /// Angular acceleration.
@@ -63,11 +63,11 @@ pub(super) struct Motion {
     pub(super) u: [Vector; 3],
 }
 
-impl Motion {
+impl LinkMotion {
     pub(super) fn next(
         &self,
         graph: &mut ExpressionGraph,
-        place: &Place,
+        place: &JointFrame,
         kind: JointKind,
         i: usize,
         crank: Option<&Parallelogram>,
@@ -133,10 +133,10 @@ fn accelerations_per_metre(graph: &mut ExpressionGraph, w: Vector, dw: Vector) -
 pub(super) fn link_wrench(
     graph: &mut ExpressionGraph,
     parameters: &[Expression; 10],
-    motion: &Motion,
+    motion: &LinkMotion,
 ) -> (Vector, Vector) {
     let [m, px, py, pz, xx, xy, xz, yy, yz, zz] = *parameters;
-    let (Motion { w, dw, a, u }, first_moment) = (motion, [px, py, pz]);
+    let (LinkMotion { w, dw, a, u }, first_moment) = (motion, [px, py, pz]);
     let force = [0, 1, 2].map(|row| {
         let (weight, swing) = (graph.multiply(m, a[row]), graph.dot(u[row], first_moment));
         graph.add(weight, swing)

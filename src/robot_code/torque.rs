@@ -6,7 +6,7 @@
 mod load_friction;
 
 use super::expression::{Expression, ExpressionGraph, Function, Node, Vector};
-use super::rigid_body::{AXES, Motion, Place, about_axis, link_wrench, name_vector};
+use super::rigid_body::{AXES, JointFrame, LinkMotion, about_axis, link_wrench, name_vector};
 use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::robot::{
     CouplingTerm, FrictionLaw, FrictionTerm, JointIndex, JointKind, Parallelogram, ParameterId,
@@ -205,7 +205,7 @@ impl<'a> TorqueBuilder<'a> {
             self.length(&mut program.graph, robot.gravity[k], about).negated()
         });
         let still = [Expression::Zero; 3];
-        let mut motion = Motion { w: still, dw: still, a: gravity, u: [still; 3] };
+        let mut motion = LinkMotion { w: still, dw: still, a: gravity, u: [still; 3] };
         let mut links = Vec::new();
         let mut cranks = Vec::new();
         for (i, parameters) in inertial.iter().enumerate() {
@@ -252,8 +252,8 @@ impl<'a> TorqueBuilder<'a> {
         &mut self,
         graph: &mut ExpressionGraph,
         i: usize,
-        motion: &Motion,
-    ) -> Vec<(Parallelogram, Place, Vector, Vector)> {
+        motion: &LinkMotion,
+    ) -> Vec<(Parallelogram, JointFrame, Vector, Vector)> {
         let robot = self.robot;
         let own = robot.parallelograms.iter().filter(|of| of.upper_arm.index() == i);
         own.map(|of| {
@@ -270,7 +270,7 @@ impl<'a> TorqueBuilder<'a> {
     }
 
     /// Place of joint `i` on the link before, or that of a crank about its axis.
-    fn place(&mut self, graph: &mut ExpressionGraph, i: usize, crank: Option<&Parallelogram>) -> Place {
+    fn place(&mut self, graph: &mut ExpressionGraph, i: usize, crank: Option<&Parallelogram>) -> JointFrame {
         let robot: &'a Robot = self.robot;
         let (joint, number) = (&robot.joints[i], i + 1);
         let placement = joint.geometry.placement();
@@ -312,7 +312,7 @@ impl<'a> TorqueBuilder<'a> {
                 None
             }
         };
-        Place { r, p, turn }
+        JointFrame { r, p, turn }
     }
 
     /// Friction of each joint with the coupled motors' parts.

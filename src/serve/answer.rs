@@ -168,7 +168,7 @@ impl Refusal {
         match error {
             AskError::NoView(text) => Self::new(StatusCode::NOT_FOUND, text),
             AskError::Statement(text) => Self::new(StatusCode::BAD_REQUEST, text),
-            AskError::Store(error) => Self::internal(&error),
+            AskError::Store(error) => Self::internal(error),
         }
     }
 
@@ -197,7 +197,7 @@ impl Refusal {
     }
 
     /// A fault of this program or its machine. Only the log contains the details.
-    pub fn internal(detail: &dyn std::fmt::Display) -> Self {
+    pub fn internal(detail: impl std::fmt::Display) -> Self {
         tracing::error!(%detail, "an HTTP request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error; the daemon's log says more")
     }

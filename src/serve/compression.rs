@@ -29,13 +29,13 @@ const LEVEL: Compression = Compression::new(5);
 
 /// The form of an answer that a client accepts, and the tags of answers that it has.
 #[derive(Debug)]
-pub(super) struct Wanted {
+pub(super) struct AcceptedForm {
     is_get: bool,
     gzip: bool,
     known: Option<HeaderValue>,
 }
 
-impl Wanted {
+impl AcceptedForm {
     pub(super) fn by(request: &Request) -> Self {
         Self {
             is_get: *request.method() == Method::GET,
@@ -46,7 +46,11 @@ impl Wanted {
 }
 
 /// An answer in the form that its client wants. Streams, files of the dashboard and refusals stay as they are.
-pub(super) async fn in_wanted_form(places: &Arc<Semaphore>, wanted: Wanted, answer: Response) -> Response {
+pub(super) async fn in_wanted_form(
+    places: &Arc<Semaphore>,
+    wanted: AcceptedForm,
+    answer: Response,
+) -> Response {
     let media = answer.headers().get(CONTENT_TYPE).map_or(&b""[..], HeaderValue::as_bytes);
     let is_json = media.starts_with(b"application/json");
     let is_whole = answer.body().size_hint().exact().is_some();
@@ -62,7 +66,7 @@ pub(super) async fn in_wanted_form(places: &Arc<Semaphore>, wanted: Wanted, answ
     let (mut head, body) = answer.into_parts();
     let bytes = match to_bytes(body, usize::MAX).await {
         Ok(bytes) => bytes,
-        Err(error) => return Refusal::internal(&error).into_response(),
+        Err(error) => return Refusal::internal(error).into_response(),
     };
     head.headers.insert(VARY, HeaderValue::from_static("accept-encoding"));
     if is_json {
@@ -136,7 +140,7 @@ mod tests {
         for (name, value) in headers {
             request.headers_mut().insert(*name, HeaderValue::try_from(value).expect("a header"));
         }
-        in_wanted_form(&Arc::new(Semaphore::new(places)), Wanted::by(&request), answer).await
+        in_wanted_form(&Arc::new(Semaphore::new(places)), AcceptedForm::by(&request), answer).await
     }
 
     fn rows() -> Response {

@@ -52,8 +52,7 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
         Some(_) => Some(readiness(&shared).await.obstacle.is_none()),
         None => None,
     };
-    let text = written(&shared.metrics, MetricFigures { stored, uploads })
-        .map_err(|error| Refusal::internal(&error))?;
+    let text = written(&shared.metrics, MetricFigures { stored, uploads }).map_err(Refusal::internal)?;
     Ok(([(CONTENT_TYPE, prometheus_text::CONTENT_TYPE)], text).into_response())
 }
 

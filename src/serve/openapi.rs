@@ -73,7 +73,6 @@ fn metrics() {}
 )]
 pub async fn openapi(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Response, Refusal> {
     shared.access.check(&headers)?;
-    let document =
-        shared.description.get().ok_or_else(|| Refusal::internal(&"the API has no description"))?;
+    let document = shared.description.get().ok_or_else(|| Refusal::internal("the API has no description"))?;
     Ok(([(CONTENT_TYPE, "application/json")], document.clone()).into_response())
 }

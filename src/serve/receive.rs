@@ -60,7 +60,7 @@ pub async fn receive(
         (written, claim)
     });
     let received = hand_on(body, pieces, bounds, stop).await;
-    let (written, claim) = writer.await.map_err(|error| Refusal::internal(&error))?;
+    let (written, claim) = writer.await.map_err(Refusal::internal)?;
     match (written, received) {
         (Err(error), _) => {
             if is_full(&error) {
@@ -75,7 +75,7 @@ pub async fn receive(
             Err(refusal)
         }
         (Ok(()), Err(refusal)) => {
-            let offset = claim.length().map_err(|error| Refusal::internal(&error))?;
+            let offset = claim.length().map_err(Refusal::internal)?;
             Err(refusal.at(offset))
         }
     }

@@ -43,9 +43,6 @@ impl Reserve {
     }
 
     /// Space that is missing to write this many bytes and leave the reserve free; `None` if there is enough.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn shortage(&self, bytes: u64) -> io::Result<Option<Shortage>> {
         for (what, folder) in &self.folders {
             let disk = statvfs(folder)?;

@@ -59,11 +59,11 @@ impl Shared {
     /// # Errors
     /// 500 if the database cannot be opened, or is no longer the file at its path.
     pub async fn looking(&self) -> Result<&Store, Refusal> {
-        self.store.check_files().map_err(|error| Refusal::internal(&error))?;
+        self.store.check_files().map_err(Refusal::internal)?;
         let open = async || match self.store.open_for_looking().await {
             Ok(Some(store)) => Ok(store),
-            Ok(None) => Err(Refusal::internal(&"the database file is gone")),
-            Err(error) => Err(Refusal::internal(&error)),
+            Ok(None) => Err(Refusal::internal("the database file is gone")),
+            Err(error) => Err(Refusal::internal(error)),
         };
         self.looking.get_or_try_init(open).await
     }

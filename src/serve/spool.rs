@@ -115,9 +115,6 @@ impl Spool {
     }
 
     /// Creates the folder if it is missing.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn prepare(&self) -> io::Result<()> {
         fs::create_dir_all(self.folder.join(PARTIAL))
     }
@@ -134,9 +131,6 @@ impl Spool {
     }
 
     /// Checks that the folder can be written to.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn probe(&self) -> io::Result<()> {
         // a unique name, so that two checks at once do not delete each other's file
         let number = self.probes.fetch_add(1, Ordering::Relaxed);
@@ -205,9 +199,6 @@ impl Spool {
     }
 
     /// Returns the bytes of an upload that have arrived, and true if it is complete. `None` if there is no such upload.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn offset(&self, name: &str, content: Option<&ContentHash>) -> io::Result<Option<(u64, bool)>> {
         if let Some(partial) = self.partial(&key(name, content))? {
             return Ok(Some((partial.bytes, false)));
@@ -222,9 +213,6 @@ impl Spool {
     }
 
     /// Content of the finished upload with this name, if there is one.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn content(&self, name: &str) -> io::Result<Option<ContentHash>> {
         match fingerprint(&self.place(name)) {
             Ok((hash, _)) => Ok(Some(hash)),
@@ -244,9 +232,6 @@ impl Spool {
 
     /// Deletes uploads that their clients have not continued for days, as of `date` and of `now`, a clock that does not
     /// jump. Returns their number.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn remove_stale(&self, date: SystemTime, now: Instant) -> io::Result<usize> {
         let mut removed = 0;
         let mut standing = self.standing.lock().unwrap_or_else(PoisonError::into_inner);
@@ -383,9 +368,6 @@ fn key_of(text: &str) -> String {
 
 impl Claim {
     /// Bytes that have arrived.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn length(&self) -> io::Result<u64> {
         Ok(length(&self.path)?.unwrap_or(0))
     }
@@ -398,9 +380,6 @@ impl Claim {
 
     /// Starts the upload, or continues an earlier one. `total` is the number of bytes of the whole export, if the
     /// client gives it. A continued upload keeps its earlier total.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn begin(&mut self, from_start: bool, total: Option<u64>) -> io::Result<()> {
         let is_there = length(&self.path)?.is_some();
         if !is_there {
@@ -418,9 +397,6 @@ impl Claim {
     }
 
     /// Opens the upload to write it from the start or to continue it.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn open(&self, from_start: bool) -> io::Result<PartialFile> {
         let mut options = File::options();
         options.create(true);
@@ -430,9 +406,6 @@ impl Claim {
     }
 
     /// Hash and length of the content, read from disk.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn content(&self) -> io::Result<(ContentHash, u64)> {
         fingerprint(&self.path)
     }
@@ -472,9 +445,6 @@ impl PartialFile {
     }
 
     /// Waits until all bytes are on disk.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn sync(&self) -> io::Result<()> {
         self.file.sync_all()
     }

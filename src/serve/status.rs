@@ -111,7 +111,7 @@ pub async fn of_export(
 
 /// Status of a content: its run, or the waiting upload.
 async fn of_content(shared: &Shared, hash: &ContentHash) -> Result<Option<ExportStatus>, Refusal> {
-    let known = shared.store.lookup(hash).await.map_err(|error| Refusal::internal(&error))?;
+    let known = shared.store.lookup(hash).await.map_err(Refusal::internal)?;
     if let Some(run) = known {
         return Ok(Some(ExportStatus {
             hash: Some(hash.to_string()),
@@ -154,7 +154,7 @@ async fn of_name(shared: &Shared, name: &str) -> Result<Option<ExportStatus>, Re
             return Ok(Some(of_content(shared, &there).await?.unwrap_or_else(|| waiting(&there))));
         }
     }
-    let seen = shared.store.run_of_file_named(name).await.map_err(|error| Refusal::internal(&error))?;
+    let seen = shared.store.run_of_file_named(name).await.map_err(Refusal::internal)?;
     match seen {
         Some(run_id) => latest_run(shared, "run_id", &run_id.to_string()).await,
         None => Ok(None),
@@ -190,7 +190,7 @@ async fn content_in_spool(uploads: &Uploads, name: &str) -> Result<Option<Conten
     }
     let (spool, of) = (uploads.spool.clone(), name.to_owned());
     let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
-    Ok(there.map_err(|error| Refusal::internal(&error))?.unwrap_or_else(|error| {
+    Ok(there.map_err(Refusal::internal)?.unwrap_or_else(|error| {
         // not an error of the daemon: a client may send a name that no file can have
         tracing::debug!(name, %error, "an upload that is asked for cannot be read");
         None

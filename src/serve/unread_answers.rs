@@ -53,7 +53,7 @@ impl UnreadAnswers {
                 let unread = Unread { bytes, _counted: counted };
                 Response::from_parts(head, Body::from(Bytes::from_owner(unread)))
             }
-            Err(error) => Refusal::internal(&error).into_response(),
+            Err(error) => Refusal::internal(error).into_response(),
         }
     }
 

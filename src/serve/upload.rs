@@ -85,7 +85,7 @@ pub async fn offset(
     check_name(&name)?;
     let (content, spool) = (declared_content(&headers)?, uploads.spool.clone());
     let found = tokio::task::spawn_blocking(move || spool.offset(&name, content.as_ref())).await;
-    let found = found.map_err(|e| Refusal::internal(&e))?.map_err(|e| no_spool(&e))?;
+    let found = found.map_err(Refusal::internal)?.map_err(|e| no_spool(&e))?;
     match found {
         Some((bytes, whole)) => Ok((StatusCode::OK, offset_headers(bytes, whole)).into_response()),
         None => Err(Refusal::new(StatusCode::NOT_FOUND, "nothing of this name is here").at(0)),
@@ -159,7 +159,7 @@ pub async fn put(
         total: uploads.settings.total_timeout,
     };
     let claim = receive(claim, part.is_from_start(), body, bounds, &shared.stop).await?;
-    let length = claim.length().map_err(|error| Refusal::internal(&error))?;
+    let length = claim.length().map_err(Refusal::internal)?;
     if part.total.is_some_and(|total| length < total) {
         return Ok((StatusCode::ACCEPTED, offset_headers(length, false)).into_response());
     }
@@ -171,7 +171,7 @@ pub async fn put(
     // continues even if the client disconnects after it has sent everything
     let shared = Arc::clone(&shared);
     let placed = tokio::spawn(async move { place(&shared, upload).await });
-    placed.await.map_err(|error| Refusal::internal(&error))?.map(Taken::answer)
+    placed.await.map_err(Refusal::internal)?.map(Taken::answer)
 }
 
 /// Deletes abandoned uploads until the stop. Logs each time uploads become possible or impossible.
@@ -274,7 +274,7 @@ async fn known_as(
     content: &ContentHash,
 ) -> Result<Option<KnownRun>, Refusal> {
     let config = Arc::clone(&uploads.config.borrow());
-    let runs = store.runs_of_content(content).await.map_err(|error| Refusal::internal(&error))?;
+    let runs = store.runs_of_content(content).await.map_err(Refusal::internal)?;
     let of_name = config.recognition.recognise(name).ok();
     let is_alike = |(_, robot, source): &&(KnownRun, String, String)| {
         of_name.as_ref().is_none_or(|of| config.reads_alike((&of.robot, name), (robot, source)))
@@ -313,7 +313,7 @@ async fn claimed(
         claim.begin(part.is_from_start(), total).map_err(|error| of_disk(&error))?;
         Ok(claim)
     };
-    tokio::task::spawn_blocking(claim).await.map_err(|error| Refusal::internal(&error))?
+    tokio::task::spawn_blocking(claim).await.map_err(Refusal::internal)?
 }
 
 /// Checks that a part begins at the end of the upload and belongs to the same export.
@@ -321,7 +321,7 @@ fn check_part(claim: &Claim, part: ByteRange) -> Result<(), Refusal> {
     if part.is_from_start() {
         return Ok(());
     }
-    let there = claim.length().map_err(|error| Refusal::internal(&error))?;
+    let there = claim.length().map_err(Refusal::internal)?;
     let refuse = |sentence: String| Err(Refusal::new(StatusCode::CONFLICT, sentence).at(there));
     if let (Some(begun), Some(total)) = (claim.total(), part.total)
         && begun != total
@@ -429,8 +429,8 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let uploads = uploads(shared)?;
     let Upload { name, declared, length, claim, supersede } = upload;
     let read = tokio::task::spawn_blocking(move || (claim.content(), claim)).await;
-    let (content, claim) = read.map_err(|error| Refusal::internal(&error))?;
-    let (content, _) = content.map_err(|error| Refusal::internal(&error))?;
+    let (content, claim) = read.map_err(Refusal::internal)?;
+    let (content, _) = content.map_err(Refusal::internal)?;
     if let Some(declared) = declared.filter(|declared| *declared != content) {
         claim.remove();
         let sentence = format!("the bytes that arrived have hash {content}, not {declared}; send them again");
@@ -439,7 +439,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let _turn = uploads.placing.lock().await;
     let (spool, of) = (uploads.spool.clone(), name.clone());
     let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
-    let there = there.map_err(|e| Refusal::internal(&e))?.map_err(|e| Refusal::internal(&e))?;
+    let there = there.map_err(Refusal::internal)?.map_err(Refusal::internal)?;
     let known = known_as(&shared.store, uploads, &name, &content).await?;
     let is_new = there != Some(content) && known.is_none();
     let taken = Taken::new(name.clone(), &content, Some(length), known.as_ref(), is_new);
@@ -459,7 +459,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     }
     let (spool, to) = (uploads.spool.clone(), name.clone());
     let put = tokio::task::spawn_blocking(move || spool.put(&claim, &to)).await;
-    put.map_err(|error| Refusal::internal(&error))?.map_err(|error| of_disk(&error))?;
+    put.map_err(Refusal::internal)?.map_err(|error| of_disk(&error))?;
     tracing::info!(name, bytes = length, "uploaded");
     uploads.remember(&name, content);
     Ok(taken)
@@ -471,13 +471,12 @@ async fn other_content(
     name: &str,
     there: Option<ContentHash>,
 ) -> Result<Option<ContentHash>, Refusal> {
-    let failed = |error: armwatch_store::StoreError| Refusal::internal(&error);
     if let Some(there) = there {
-        let known = store.lookup(&there).await.map_err(failed)?;
+        let known = store.lookup(&there).await.map_err(Refusal::internal)?;
         let is_faulty = known.is_some_and(|run| run.status == RunStatus::Quarantined);
         return Ok((!is_faulty).then_some(there));
     }
-    store.content_named(name).await.map_err(failed)
+    store.content_named(name).await.map_err(Refusal::internal)
 }
 
 #[cfg(test)]

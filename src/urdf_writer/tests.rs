@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::{straight_friction, urdf_text};
-use armwatch_config::robot::robot_file::{parse_robot, parse_robot_with};
+use armwatch_config::robot::robot_file::parse_robot_with;
 use armwatch_method::model::base_parameters::{base_parameters, probe_state};
 use armwatch_method::model::dynamics::{DynamicModel, inverse_dynamics};
 use armwatch_method::model::kinematics::forward_kinematics;
@@ -12,7 +12,7 @@ use armwatch_model::robot::{
     FrictionLaw, FrictionModel, JointIndex, JointLimits, Robot, StandardParameters, Transform,
 };
 use armwatch_testing::arms::{any_arm, numbers};
-use armwatch_testing::er3a;
+use armwatch_testing::{described, er3a, tx40};
 
 /// Poses and torques over nine joints by frames that were turned there and back.
 const EQUAL: f64 = 1e-9;
@@ -166,8 +166,7 @@ fn the_line_of_friction_is_exact_where_urdf_can_say_it_and_never_drives() {
 
 #[test]
 fn what_urdf_cannot_say_stands_in_comments() {
-    let text = include_str!("../../config/robots/tx40.toml");
-    let robot = parse_robot("tx40.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
+    let robot = tx40();
     let model = some_model(&robot, &[0.3; 70]);
     let text = urdf_text(&robot, &model, &["identified -- from run 1-".to_owned()]);
     for said in [
@@ -189,7 +188,7 @@ const REFERENCE_DIGITS: f64 = 1e-9;
 /// Bodies as read from the file, frames from the description that the file was written with, against
 /// what Pinocchio computed from the file: any slip of an origin, an axis or a centre shows.
 fn assert_pinocchio(description: &str, urdf: &str, table: &str) {
-    let robot = parse_robot("arm.toml", description).unwrap_or_else(|errors| panic!("{errors}"));
+    let robot = described(description);
     let again = read_again(&robot, urdf);
     let read = bodies(&again);
     let n = robot.joint_count();

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use armwatch_testing::noise::Noise;
+
 use crate::bad_input::decompressed;
 use crate::support::Workshop;
 
@@ -76,15 +78,7 @@ fn moves_of_joint_5(back: bool, seed: u64) -> String {
             _ => (TRAVEL - 0.5 * ACCELERATION * left * left, ACCELERATION * left),
         }
     };
-    let mut state = seed;
-    let mut noise = move || {
-        // the sum of twelve uniform numbers minus six is nearly normal
-        let mut uniform = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        0.02 * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0)
-    };
+    let mut noise = Noise(seed);
     let columns = |name: &str| (1..=6).map(|j| format!("{name}_{j}")).collect::<Vec<_>>().join(",");
     let mut text = format!("time,{},{},{},stage,cycle\n", columns("pos"), columns("vel"), columns("trq"));
     for row in 0..800 {
@@ -95,8 +89,10 @@ fn moves_of_joint_5(back: bool, seed: u64) -> String {
         let friction = if v.abs() > 0.002 { 2.0 * v.signum() + v } else { 0.0 };
         let torque = friction + 0.4 * (q + 0.3).cos();
         let stage = if (0.9..7.0).contains(&t) { 2 } else { 0 };
-        let torques: Vec<String> =
-            [0.0, 30.0, 5.0, 0.0, torque, 0.0].iter().map(|of| format!("{:.4}", of + noise())).collect();
+        let torques: Vec<String> = [0.0, 30.0, 5.0, 0.0, torque, 0.0]
+            .iter()
+            .map(|of| format!("{:.4}", of + 0.02 * noise.normal()))
+            .collect();
         text.push_str(&format!(
             "{t:.3},0,-1.57,0,0,{q:.5},0,0,0,0,0,{v:.5},0,{},{stage},1\n",
             torques.join(",")

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::support::{Workshop, reference, text};
 use armwatch::robot_code::code::TorqueCode;
-use armwatch::robot_code::language::Language;
+use armwatch::robot_code::language::CodeLanguage;
 use armwatch::robot_code::origin::CodeOrigin;
 use armwatch::robot_code::torque::CodeParameter;
 use armwatch_config::read_robot;
@@ -42,7 +42,7 @@ fn rustc() -> Option<PathBuf> {
 }
 
 /// Compiles and runs the self-check of a folder; prints a line and returns `None` without a compiler.
-fn self_check(folder: &Path, language: Language) -> Option<(Option<i32>, String)> {
+fn self_check(folder: &Path, language: CodeLanguage) -> Option<(Option<i32>, String)> {
     let compiled = |command: &mut Command| {
         let output = command.current_dir(folder).output().expect("the compiler starts");
         let said = text(&output.stderr);
@@ -50,18 +50,18 @@ fn self_check(folder: &Path, language: Language) -> Option<(Option<i32>, String)
         Command::new(folder.join("self_check"))
     };
     let mut command = match language {
-        Language::C => {
+        CodeLanguage::C => {
             let sources = fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.path());
             let sources: Vec<PathBuf> =
                 sources.filter(|path| path.extension().is_some_and(|ending| ending == "c")).collect();
             let flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", "self_check"];
             found("cc").map(|cc| compiled(Command::new(cc).args(flags).args(sources).arg("-lm")))
         }
-        Language::Rust => rustc().map(|rustc| {
+        CodeLanguage::Rust => rustc().map(|rustc| {
             let flags = ["--edition", "2021", "-D", "warnings", "-o", "self_check", "self_check.rs"];
             compiled(Command::new(rustc).args(flags))
         }),
-        Language::Python => found("python3").map(|python| {
+        CodeLanguage::Python => found("python3").map(|python| {
             let mut command = Command::new(python);
             command.args(["-B", "self_check.py"]);
             command
@@ -83,7 +83,7 @@ fn figure(printed: &str, name: &str) -> f64 {
 
 /// The self-checks of all languages agree with the vectors.
 pub fn assert_agrees(folder: &Path) {
-    for language in Language::ALL {
+    for language in CodeLanguage::ALL {
         let Some((status, printed)) = self_check(folder, language) else { continue };
         assert_eq!(status, Some(0), "{language:?}: {printed}");
         assert_eq!(figure(&printed, "states"), 320.0);
@@ -205,7 +205,7 @@ fn a_wrong_constant_is_found(folder: &Path) {
         _ => format!("{line}\n"),
     });
     fs::write(&source, lines.collect::<String>()).expect("written");
-    if let Some((status, printed)) = self_check(folder, Language::Python) {
+    if let Some((status, printed)) = self_check(folder, CodeLanguage::Python) {
         assert_eq!(status, Some(1), "{printed}");
         assert!(figure(&printed, "largest_relative_difference") > 1e-6, "{printed}");
     }
@@ -218,7 +218,7 @@ fn a_wrong_constant_is_found(folder: &Path) {
             _ => format!("{line}\n"),
         });
         fs::write(&path, lines.collect::<String>()).expect("written");
-        for language in Language::ALL {
+        for language in CodeLanguage::ALL {
             let Some((status, printed)) = self_check(folder, language) else { continue };
             assert_eq!(status, Some(1), "{wrong}, {language:?}: {printed}");
         }
@@ -362,7 +362,7 @@ fn every_friction_law_and_coupled_motors_become_code() {
         let code = TorqueCode::new(&robot, &parameters, name, &origin);
         let folder = workshop.path(name);
         fs::create_dir(&folder).expect("a folder");
-        for file in Language::ALL.into_iter().flat_map(|language| code.files(language)) {
+        for file in CodeLanguage::ALL.into_iter().flat_map(|language| code.files(language)) {
             fs::write(folder.join(file.name), file.text).expect("written");
         }
         assert_agrees(&folder);

@@ -232,7 +232,7 @@ fn identify_and_verify(
 
 /// Results that compare a model with its cycle.
 #[derive(Default)]
-struct Explained {
+struct ModelComparison {
     verification: Vec<TorqueRmsd>,
     warming_contrast: Vec<WarmingContrast>,
     response: Option<ChannelResponse>,
@@ -245,7 +245,7 @@ fn explained(
     number: u32,
     recorded: &CycleRecord<'_>,
     found: Option<&Identification>,
-) -> Explained {
+) -> ModelComparison {
     let CycleRecord { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
     let theta: Option<Vec<f64>> = found.map(|found| found.parameters.iter().map(|p| p.value).collect());
     let theta = theta.as_deref();
@@ -266,7 +266,7 @@ fn explained(
         channel_response(&observed, found, method.settings.estimator)
     });
     let of_factors = |theta| torque_rmsd(&method.columns, &factored.factors, theta);
-    Explained {
+    ModelComparison {
         verification: theta.map(of_factors).unwrap_or_default(),
         warming_contrast: theta
             .map(|theta| warming_contrast(&method.columns, factored, theta))

@@ -24,12 +24,12 @@ fn truth_of(files: &RunFiles) -> serde_json::Value {
     serde_json::from_slice(&fs::read(&files.truth).unwrap()).unwrap()
 }
 
-struct Table {
+struct ExportTable {
     columns: BTreeMap<String, usize>,
     rows: Vec<Vec<f64>>,
 }
 
-impl Table {
+impl ExportTable {
     fn read(path: &Path) -> Self {
         let text = fs::read_to_string(path).unwrap();
         let mut lines = text.lines();
@@ -72,7 +72,7 @@ fn name_header_and_rows_are_those_of_the_native_layout() {
 #[test]
 fn signals_tell_cycle_stage_joint_and_level_in_order() {
     let (_folder, files) = simulate(&er3a_with_excitation(), &quick(), 0);
-    let table = Table::read(&files.export);
+    let table = ExportTable::read(&files.export);
     let mut changes: Vec<[u32; 4]> = Vec::new();
     for (k, row) in table.rows.iter().enumerate() {
         assert!((table.get(row, "time") - k as f64 / 50.0).abs() < 5e-5);
@@ -118,7 +118,7 @@ fn a_seed_gives_the_same_bytes_and_another_seed_others() {
 fn recorded_torque_on_plateaus_is_the_stated_friction_where_gravity_does_no_work() {
     // Joint 1 is vertical: its plateau torque is friction alone, apart from ripple and noise.
     let (_folder, files) = simulate(&er3a_with_excitation(), &quick(), 0);
-    let table = Table::read(&files.export);
+    let table = ExportTable::read(&files.export);
     let truth = truth_of(&files);
     for level in truth["cycle_truth"][0]["friction_levels"].as_array().unwrap() {
         if level["joint"] != 1 {
@@ -188,7 +188,7 @@ fn arms_of_one_and_of_nine_joints_are_recorded() {
     for (robot, columns) in [(one_joint(), 8), (nine_joints(), 32)] {
         let settings = SimulationSettings { cycles: 1, ..quick() };
         let (_folder, files) = simulate(&robot, &settings, 0);
-        let table = Table::read(&files.export);
+        let table = ExportTable::read(&files.export);
         assert_eq!(table.columns.len(), columns);
         assert!(table.rows.iter().flatten().all(|x| x.is_finite()));
         let n = robot.joint_count();
@@ -270,7 +270,7 @@ fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked
     let torques = |robot: &Robot, torque_correlation: f64| -> Vec<f64> {
         let sensors = SensorSettings { torque_correlation, ..SensorSettings::default() };
         let (_folder, files) = simulate(robot, &SimulationSettings { cycles: 6, sensors, ..quick() }, 0);
-        let table = Table::read(&files.export);
+        let table = ExportTable::read(&files.export);
         table.rows.iter().map(|row| table.get(row, "trq_1")).collect()
     };
     let truth = torques(&silent, 0.0);

@@ -66,9 +66,6 @@ impl Store {
 impl Store {
     /// Returns true if a daemon works on the database and therefore draws the conclusions. On a server, a daemon that
     /// ended without notice counts until its lease ends.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn has_daemon(&self) -> Result<bool, StoreError> {
         match self.dialect() {
             Dialect::Sqlite => Ok(is_claimed(&self.path)),

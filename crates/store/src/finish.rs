@@ -46,9 +46,6 @@ pub struct Replaced {
 
 impl FinishTransaction {
     /// Reads the measurements of this run's cycles.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn measurements(&mut self) -> Result<RunMeasurements, StoreError> {
         let result = history::run_measurements(&mut self.transaction, self.run_id).await;
         self.checked(result)
@@ -76,9 +73,6 @@ impl FinishTransaction {
     /// whose file it has overwritten. Returns [`Owner::Other`] and stores nothing if another complete run has this
     /// content: this run is to be discarded then. `first_rows` is the hash of its first rows, which shows if the other
     /// recording begins with the same rows.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn adopt(
         &mut self,
         content: &ContentPrefix,
@@ -108,9 +102,6 @@ impl FinishTransaction {
     }
 
     /// Moves the start of the recording, and those of its cycles, to a time that is now known.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn set_start(&mut self, started_at: Timestamp) -> Result<(), StoreError> {
         let result = identity::set_start(&mut self.transaction, self.run_id, started_at).await;
         self.checked(result)
@@ -152,7 +143,7 @@ impl FinishTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 }

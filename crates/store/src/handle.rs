@@ -9,6 +9,9 @@ use super::own_host::OwnHost;
 use crate::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
 /// An open database. Clones share it.
+///
+/// Every method that reads or writes can fail with the [`StoreError`] of the database; `# Errors` of a method lists only
+/// further ones.
 #[derive(Debug, Clone)]
 pub struct Store {
     pub(super) path: Arc<Path>,
@@ -99,7 +102,7 @@ impl Store {
         StoreError::RunNotOpen { path: self.path.to_path_buf(), run_id }
     }
 
-    pub(crate) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    pub(crate) fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|error| StoreError::from_sqlx(&self.path, &error))
     }
 }

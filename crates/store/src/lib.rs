@@ -95,8 +95,8 @@ pub use robot::indices::baselines::{
 };
 pub use robot::indices::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance, NotEntered};
-pub use robot::open_test::OpenTest;
 pub use robot::summaries::TestWindow;
+pub use robot::unfinished_run::OpenTest;
 pub use robot::windows::NewWindow;
 pub use synthetic::{SYNTHETIC_FILE_BYTES, SyntheticSize};
 pub use table::{AskError, ResultTable, ViewRows};

@@ -3,6 +3,7 @@
 use super::handle::Store;
 use super::table::{AskError, ResultTable};
 use super::views::HealthStatus;
+use crate::engine::Bind;
 
 /// Selection of runs, or of cycles of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -26,9 +27,6 @@ pub(super) const UNSETTLED: &str = "SELECT * FROM anomalies
 
 impl Store {
     /// Robots by name, with the number of their tests, the times and the status.
-    ///
-    /// # Errors
-    /// [`AskError`] of the database.
     pub async fn robot_list(&self) -> Result<ResultTable, AskError> {
         let place =
             |(place, status): (usize, &HealthStatus)| format!(" WHEN '{}' THEN {place}", status.name());
@@ -69,17 +67,11 @@ impl Store {
     }
 
     /// Anomalies that are not settled, at most `most`: rows of the view `anomalies`, in no order.
-    ///
-    /// # Errors
-    /// [`AskError`] of the database.
     pub async fn unsettled_anomalies(&self, most: u32) -> Result<ResultTable, AskError> {
         self.answer(UNSETTLED, |query| query.bind(most)).await
     }
 
     /// The latest `most` friction indices of each joint, by robot and joint, the oldest first.
-    ///
-    /// # Errors
-    /// [`AskError`] of the database.
     pub async fn recent_indices(&self, most: u32) -> Result<ResultTable, AskError> {
         self.answer(
             "SELECT robot, joint, friction_index
@@ -94,9 +86,6 @@ impl Store {
     }
 
     /// Runs, the newest first.
-    ///
-    /// # Errors
-    /// [`AskError`] of the database.
     pub async fn run_list(&self, wanted: &ListFilter<'_>) -> Result<ResultTable, AskError> {
         self.answer(
             "SELECT run_id, robot, started_at, kind, status, cycles, rows, source_name, reason
@@ -107,10 +96,8 @@ impl Store {
              LIMIT $5",
             |query| {
                 query
-                    .bind(wanted.robot.map(str::to_owned))
-                    .bind(wanted.run_id)
-                    .bind(wanted.status.map(str::to_owned))
-                    .bind(wanted.kind.map(str::to_owned))
+                    .bind_all((wanted.robot.map(str::to_owned), wanted.run_id))
+                    .bind_all((wanted.status.map(str::to_owned), wanted.kind.map(str::to_owned)))
                     .bind(wanted.most)
             },
         )
@@ -118,9 +105,6 @@ impl Store {
     }
 
     /// Cycles, the newest first.
-    ///
-    /// # Errors
-    /// [`AskError`] of the database.
     pub async fn cycle_list(&self, wanted: &ListFilter<'_>) -> Result<ResultTable, AskError> {
         self.answer(
             "SELECT run_id, robot, cycle, started_at, duration_s, rows, status, condition_number, residual_std_nm, reason
@@ -130,10 +114,8 @@ impl Store {
              LIMIT $4",
             |query| {
                 query
-                    .bind(wanted.robot.map(str::to_owned))
-                    .bind(wanted.run_id)
-                    .bind(wanted.status.map(str::to_owned))
-                    .bind(wanted.most)
+                    .bind_all((wanted.robot.map(str::to_owned), wanted.run_id))
+                    .bind_all((wanted.status.map(str::to_owned), wanted.most))
             },
         )
         .await

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use sqlx::{QueryBuilder, Row};
 
 use super::values::{ROWS_PER_STATEMENT, grouping_terms, joint_number, parameter};
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use armwatch_model::robot::{
@@ -42,9 +42,6 @@ impl Store {
     }
 
     /// Unit and grouping of each parameter of a description.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn model_parameters(
         &self,
         model: &StoredModel,
@@ -54,9 +51,6 @@ impl Store {
 
     /// The sum of standard parameters that each parameter of a description represents, as coefficients and parameters.
     /// Parameters with an unknown sum are omitted.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn model_groupings(
         &self,
         model: &StoredModel,
@@ -70,7 +64,7 @@ impl Store {
 pub(super) async fn parameters(
     executor: impl EngineExecutor<'_>,
     robot_model_id: i64,
-) -> Result<HashMap<ParameterId, ModelParameter>, sqlx::Error> {
+) -> sqlx::Result<HashMap<ParameterId, ModelParameter>> {
     let rows =
         sqlx::query("SELECT joint, name, unit, grouping FROM model_parameter WHERE robot_model_id = $1")
             .bind(robot_model_id)
@@ -84,10 +78,7 @@ pub(super) async fn parameters(
 }
 
 /// Key of the description, which is inserted if it is new.
-pub(super) async fn robot_model_id(
-    connection: &mut EngineConnection,
-    robot: &Robot,
-) -> Result<i64, sqlx::Error> {
+pub(super) async fn robot_model_id(connection: &mut EngineConnection, robot: &Robot) -> sqlx::Result<i64> {
     let hash = description_hash(robot);
     if let Some(id) = find_model(&mut *connection, &robot.model, &hash).await? {
         return Ok(id);
@@ -95,8 +86,7 @@ pub(super) async fn robot_model_id(
     sqlx::query_scalar(
         "INSERT INTO robot_model (name, description_hash) VALUES ($1, $2) RETURNING robot_model_id",
     )
-    .bind(&robot.model)
-    .bind(&hash[..])
+    .bind_all((&robot.model, &hash[..]))
     .fetch_one(connection)
     .await
 }
@@ -107,7 +97,7 @@ pub(super) async fn ensure_parameters(
     robot_model_id: i64,
     robot: &Robot,
     wanted: &[ParameterId],
-) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
+) -> sqlx::Result<HashMap<ParameterId, i64>> {
     let known = parameter_keys(&mut *connection, robot_model_id).await?;
     let mut missing = Vec::new();
     for id in wanted.iter().filter(|id| !known.contains_key(id)) {
@@ -126,7 +116,7 @@ pub(super) async fn ensure_parameters(
 pub(super) async fn parameter_keys(
     executor: impl EngineExecutor<'_>,
     robot_model_id: i64,
-) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
+) -> sqlx::Result<HashMap<ParameterId, i64>> {
     let rows =
         sqlx::query("SELECT model_parameter_id, joint, name FROM model_parameter WHERE robot_model_id = $1")
             .bind(robot_model_id)
@@ -142,7 +132,7 @@ pub(super) async fn parameter_keys(
 pub(super) async fn parameter_keys_of_run(
     connection: &mut EngineConnection,
     run_id: i64,
-) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
+) -> sqlx::Result<HashMap<ParameterId, i64>> {
     let model: Option<i64> = sqlx::query_scalar("SELECT robot_model_id FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_one(&mut *connection)
@@ -158,23 +148,20 @@ async fn set_grouping(
     executor: impl EngineExecutor<'_>,
     model_parameter_id: i64,
     grouping: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE model_parameter SET grouping = $1 WHERE model_parameter_id = $2")
-        .bind(grouping)
-        .bind(model_parameter_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((grouping, model_parameter_id))
+        .run(executor)
+        .await
 }
 
 async fn find_model(
     executor: impl EngineExecutor<'_>,
     name: &str,
     hash: &[u8; 32],
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar("SELECT robot_model_id FROM robot_model WHERE name = $1 AND description_hash = $2")
-        .bind(name)
-        .bind(&hash[..])
+        .bind_all((name, &hash[..]))
         .fetch_optional(executor)
         .await
 }
@@ -183,21 +170,17 @@ async fn insert_parameters(
     executor: impl EngineExecutor<'_>,
     robot_model_id: i64,
     rows: &[(ParameterId, &'static str)],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new("INSERT INTO model_parameter (robot_model_id, joint, name, unit) ")
         .push_values(rows, |mut row, (id, unit)| {
-            row.push_bind(robot_model_id)
-                .push_bind(joint_number(id.joint))
-                .push_bind(id.name())
-                .push_bind(*unit);
+            row.bind_all((robot_model_id, joint_number(id.joint), id.name(), *unit));
         })
         .build()
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
-fn unit(robot: &Robot, id: ParameterId) -> Result<&'static str, sqlx::Error> {
+fn unit(robot: &Robot, id: ParameterId) -> sqlx::Result<&'static str> {
     let joint = robot.joints.get(id.joint.index()).ok_or_else(|| {
         sqlx::Error::Encode(format!("parameter {id} of a robot with {} joints", robot.joint_count()).into())
     })?;

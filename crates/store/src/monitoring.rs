@@ -60,34 +60,22 @@ pub(super) const UNSETTLED_COUNTS: &str = "SELECT severity, state, count(*) AS a
 
 impl Store {
     /// Returns true if an export of this file name is stored completely.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn is_complete(&self, source_name: &str) -> Result<bool, StoreError> {
         self.checked(is_complete(&self.readers, source_name).await)
     }
 
     /// Number of quarantined exports of each robot that need attention, by robot; the robot is `unknown` if the name of
     /// an export does not contain it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn quarantined_by_robot(&self) -> Result<Vec<(String, u64)>, StoreError> {
         self.checked(quarantined_by_robot(&self.readers).await)
     }
 
     /// Numbers of anomalies that are not settled, by severity and state; zeros are omitted.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unsettled_counts(&self) -> Result<Vec<AnomalyCount>, StoreError> {
         self.checked(unsettled_counts(&self.readers).await)
     }
 
     /// Counts of deliveries of each route of the configuration, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn deliveries_by_route(&self) -> Result<Vec<RouteCounts>, StoreError> {
         self.checked(deliveries_by_route(&self.readers).await)
     }
@@ -111,14 +99,14 @@ impl Store {
     }
 }
 
-async fn is_complete(executor: impl EngineExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
+async fn is_complete(executor: impl EngineExecutor<'_>, source_name: &str) -> sqlx::Result<bool> {
     sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = $1 AND status = 'complete')")
         .bind(source_name)
         .fetch_one(executor)
         .await
 }
 
-async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
+async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<(String, u64)>> {
     sqlx::query(
         "SELECT robot, count(DISTINCT run_id) AS exports FROM quarantine WHERE state = 'open' GROUP BY robot \
          ORDER BY robot",
@@ -128,7 +116,7 @@ async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(
     .await
 }
 
-async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> Result<Vec<AnomalyCount>, sqlx::Error> {
+async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<AnomalyCount>> {
     sqlx::query(UNSETTLED_COUNTS)
         .try_map(|row: EngineRow| {
             Ok(AnomalyCount {
@@ -141,7 +129,7 @@ async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> Result<Vec<Anoma
         .await
 }
 
-async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
+async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<RouteCounts>> {
     sqlx::query(
         "SELECT r.name AS route, r.failures,
                 count(*) FILTER (WHERE d.state = 'pending') AS pending,

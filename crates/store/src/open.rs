@@ -114,9 +114,6 @@ impl Store {
 
     /// A number that changes when another connection has committed. It is only comparable with earlier numbers of the
     /// same handle.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn data_version(&self) -> Result<i64, StoreError> {
         self.checked(catalog::data_version(&self.probe).await)
     }
@@ -294,7 +291,7 @@ async fn pool(
     connections: u32,
     options: SqliteConnectOptions,
     busy_timeout: Duration,
-) -> Result<EnginePool, sqlx::Error> {
+) -> sqlx::Result<EnginePool> {
     EnginePoolOptions::new()
         .max_connections(connections)
         // A request to the pool may have to wait for one that waits for another process.
@@ -369,7 +366,7 @@ enum FileIdentity {
     Foreign,
 }
 
-async fn identity(connection: &mut EngineConnection) -> Result<FileIdentity, sqlx::Error> {
+async fn identity(connection: &mut EngineConnection) -> sqlx::Result<FileIdentity> {
     let application_id: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
     let tables: i64 =
         sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;

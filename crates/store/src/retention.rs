@@ -11,7 +11,7 @@ use super::error::StoreError;
 use super::handle::Store;
 use super::results::joined_factors::remove_of;
 use super::values::{count, named, size};
-use crate::engine::{Dialect, EngineExecutor, EngineRow, catalog};
+use crate::engine::{Bind, Dialect, EngineExecutor, EngineRow, catalog};
 use armwatch_model::run::RunKind;
 
 /// Tests that are examined for a production window until one has parameters. This many of the latest tests of a robot
@@ -66,9 +66,6 @@ impl FreeSpace {
 impl Store {
     /// Runs with factors that are due, oldest first. The age of a run begins at its last cycle, or when it was stored
     /// if that was later.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn due_runs(&self, kept: &KeptSince) -> Result<Vec<DueRun>, StoreError> {
         if *kept == KeptSince::default() {
             return Ok(Vec::new());
@@ -82,9 +79,6 @@ impl Store {
 
     /// Deletes the factors of at most `most` cycles of a run in one transaction, and returns the number of cycles.
     /// Deletes none of a run that is being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remove_factors(&self, run_id: i64, most: usize) -> Result<usize, StoreError> {
         let mut transaction = self.begin().await?;
         let cycles = self.checked(cycles_with_factors(&mut *transaction, run_id, most).await)?;
@@ -96,9 +90,6 @@ impl Store {
     }
 
     /// Free space in the file.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn free_space(&self) -> Result<FreeSpace, StoreError> {
         const INCREMENTAL: u64 = 2;
         if self.dialect() == Dialect::Postgres {
@@ -121,16 +112,13 @@ impl Store {
 
     /// Returns at most `most` free pages to the file system, in one transaction. Does nothing in a database that was
     /// created without this ability, see [`FreeSpace::can_shrink`].
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn give_back(&self, most: u32) -> Result<(), StoreError> {
         let asked = sqlx::raw_sql(AssertSqlSafe(format!("PRAGMA incremental_vacuum({most})")));
         self.checked(asked.execute(&self.writer).await).map(|_| ())
     }
 }
 
-async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result<Vec<DueRun>, sqlx::Error> {
+async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> sqlx::Result<Vec<DueRun>> {
     let limit = |since: Option<Timestamp>| since.map(|since| since.as_microsecond());
     // rows with factors are a bounded part of the database, so the query begins with them
     sqlx::query(
@@ -166,9 +154,7 @@ async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result
                AND NOT (run.kind = 'test' AND run.run_id IN (SELECT run_id FROM kept))
          ORDER BY run.started_at, run.run_id",
     )
-    .bind(limit(kept.tests))
-    .bind(limit(kept.production))
-    .bind(count(MOST_REFERENCES))
+    .bind_all((limit(kept.tests), limit(kept.production), count(MOST_REFERENCES)))
     .try_map(|row: EngineRow| {
         Ok(DueRun {
             run_id: row.try_get("run_id")?,
@@ -182,7 +168,7 @@ async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result
     .await
 }
 
-async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<u64, sqlx::Error> {
+async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<u64> {
     sqlx::query(
         "SELECT CAST(coalesce(sum(length(factor)), 0) AS BIGINT) AS bytes
          FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = $1",
@@ -197,15 +183,14 @@ async fn cycles_with_factors(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     most: usize,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT cycle_id FROM run JOIN cycle USING (run_id) JOIN cycle_factor_layout USING (cycle_id)
          WHERE run_id = $1 AND run.status <> 'streaming'
          ORDER BY cycle.number
          LIMIT $2",
     )
-    .bind(run_id)
-    .bind(count(most))
+    .bind_all((run_id, count(most)))
     .fetch_all(executor)
     .await
 }

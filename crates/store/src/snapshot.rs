@@ -94,7 +94,7 @@ fn is_free(target: &Path) -> std::io::Result<bool> {
     Ok(found.is_none_or(|found| found == Some([SNAPSHOT, APPLICATION_ID])))
 }
 
-async fn copy(source: &Path, partial: &Path) -> Result<(), sqlx::Error> {
+async fn copy(source: &Path, partial: &Path) -> sqlx::Result<()> {
     let mut connection = SqliteConnectOptions::new()
         .filename(partial)
         .create_if_missing(true)
@@ -109,7 +109,7 @@ async fn copy(source: &Path, partial: &Path) -> Result<(), sqlx::Error> {
     connection.close().await.and(copied)
 }
 
-async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> Result<(), sqlx::Error> {
+async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> sqlx::Result<()> {
     sqlx::query("ATTACH ? AS source").bind(source.to_string_lossy()).execute(&mut *connection).await?;
     run(connection, &format!("PRAGMA main.application_id = {APPLICATION_ID}")).await?;
     run(connection, &format!("PRAGMA main.user_version = {SNAPSHOT}")).await?;
@@ -132,7 +132,7 @@ async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> Result<(
 async fn schema(
     connection: &mut SqliteConnection,
     kinds: &str,
-) -> Result<Vec<(String, String, String)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(String, String, String)>> {
     let statement = format!(
         "SELECT type, name, sql FROM source.sqlite_schema
          WHERE type IN ({kinds}) AND sql IS NOT NULL AND name NOT LIKE 'sqlite~_%' ESCAPE '~'
@@ -141,6 +141,6 @@ async fn schema(
     sqlx::query_as(AssertSqlSafe(statement)).fetch_all(connection).await
 }
 
-async fn run(connection: &mut SqliteConnection, statement: &str) -> Result<(), sqlx::Error> {
+async fn run(connection: &mut SqliteConnection, statement: &str) -> sqlx::Result<()> {
     sqlx::raw_sql(AssertSqlSafe(statement.to_owned())).execute(connection).await.map(|_| ())
 }

@@ -28,9 +28,6 @@ impl Store {
     }
 
     /// Tables with rows that refer to missing rows, each once.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn broken_references(&self) -> Result<Vec<String>, StoreError> {
         // a server refuses such rows
         if self.dialect() == Dialect::Postgres {
@@ -41,9 +38,6 @@ impl Store {
     }
 
     /// Time of the latest run's entry, by the clock of the machine that entered it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn last_entered_at(&self) -> Result<Option<Timestamp>, StoreError> {
         let latest = sqlx::query("SELECT ingested_at FROM run ORDER BY run_id DESC LIMIT 1");
         let row = self.checked(latest.fetch_optional(&self.readers).await)?;

@@ -93,9 +93,6 @@ impl Store {
 
     /// Sets the modification times of files in a database of [`Self::fill_synthetic`], by path, in microseconds since
     /// 1970.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn change_synthetic_files(&self, changed: &[(String, i64)]) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         for some in changed.chunks(CYCLES_AT_ONCE as usize) {

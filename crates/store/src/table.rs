@@ -66,9 +66,6 @@ impl Store {
     }
 
     /// Views of the database by name, each with its columns in order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn views(&self) -> Result<Vec<(String, Vec<String>)>, StoreError> {
         let mut views: Vec<(String, Vec<String>)> = Vec::new();
         for (view, column) in self.checked(catalog::views(&self.readers).await)? {
@@ -205,11 +202,11 @@ fn select(dialect: Dialect, view: &str, wanted: &ViewRows) -> String {
     format!("SELECT * FROM \"{view}\"{filter}{order} LIMIT {}", wanted.limit)
 }
 
-pub(crate) fn cells(row: &EngineRow) -> Result<Vec<Value>, sqlx::Error> {
+pub(crate) fn cells(row: &EngineRow) -> sqlx::Result<Vec<Value>> {
     (0..row.len()).map(|column| cell(row, column)).collect()
 }
 
-fn cell(row: &EngineRow, column: usize) -> Result<Value, sqlx::Error> {
+fn cell(row: &EngineRow, column: usize) -> sqlx::Result<Value> {
     let value = row.try_get_raw(column)?;
     if value.is_null() {
         return Ok(Value::Null);

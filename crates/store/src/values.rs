@@ -39,13 +39,13 @@ pub(super) fn joint_number(joint: JointIndex) -> i64 {
 }
 
 /// Reads a joint number.
-pub(super) fn joint(row: &EngineRow, column: &str) -> Result<JointIndex, sqlx::Error> {
+pub(super) fn joint(row: &EngineRow, column: &str) -> sqlx::Result<JointIndex> {
     let number: i64 = row.try_get(column)?;
     usize::try_from(number).ok().and_then(JointIndex::from_number).ok_or_else(|| unknown(column, number))
 }
 
 /// Reads a parameter with its error: columns joint, name, value, std_error, degrees_of_freedom.
-pub(super) fn identified(row: &EngineRow) -> Result<IdentifiedParameter, sqlx::Error> {
+pub(super) fn identified(row: &EngineRow) -> sqlx::Result<IdentifiedParameter> {
     let known = |column| Ok::<f64, sqlx::Error>(row.try_get::<Option<f64>, _>(column)?.unwrap_or(f64::NAN));
     Ok(IdentifiedParameter {
         id: parameter(row, "joint", "name")?,
@@ -56,19 +56,19 @@ pub(super) fn identified(row: &EngineRow) -> Result<IdentifiedParameter, sqlx::E
 }
 
 /// Reads a count that is never negative.
-pub(super) fn size<T: TryFrom<i64>>(row: &EngineRow, column: &str) -> Result<T, sqlx::Error> {
+pub(super) fn size<T: TryFrom<i64>>(row: &EngineRow, column: &str) -> sqlx::Result<T> {
     let value: i64 = row.try_get(column)?;
     T::try_from(value).map_err(|_| unknown(column, value))
 }
 
 /// Reads integer microseconds UTC.
-pub(super) fn time(row: &EngineRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+pub(super) fn time(row: &EngineRow, column: &str) -> sqlx::Result<Timestamp> {
     let microseconds: i64 = row.try_get(column)?;
     Timestamp::from_microsecond(microseconds).map_err(|_| unknown(column, microseconds))
 }
 
 /// Reads integer microseconds UTC that may be absent.
-pub(super) fn known_time(row: &EngineRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+pub(super) fn known_time(row: &EngineRow, column: &str) -> sqlx::Result<Option<Timestamp>> {
     match row.try_get::<Option<i64>, _>(column)? {
         Some(_) => time(row, column).map(Some),
         None => Ok(None),
@@ -81,17 +81,13 @@ pub(super) fn named<T: Copy>(
     column: &str,
     all: &[T],
     name: impl Fn(T) -> &'static str,
-) -> Result<T, sqlx::Error> {
+) -> sqlx::Result<T> {
     let text: &str = row.try_get(column)?;
     all.iter().copied().find(|&item| name(item) == text).ok_or_else(|| unknown(column, text))
 }
 
 /// Reads a parameter from its joint and name.
-pub(super) fn parameter(
-    row: &EngineRow,
-    joint_column: &str,
-    name_column: &str,
-) -> Result<ParameterId, sqlx::Error> {
+pub(super) fn parameter(row: &EngineRow, joint_column: &str, name_column: &str) -> sqlx::Result<ParameterId> {
     let joint = joint(row, joint_column)?;
     let text: &str = row.try_get(name_column)?;
     ParameterKind::all()
@@ -167,7 +163,7 @@ pub(crate) fn known_in_views<S: Serializer>(
 }
 
 /// Reads a time as a view shows it.
-pub(super) fn time_text(row: &EngineRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+pub(super) fn time_text(row: &EngineRow, column: &str) -> sqlx::Result<Timestamp> {
     let text: &str = row.try_get(column)?;
     text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
 }

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use sqlx::{FromRow, QueryBuilder, Row};
 
 use super::values::ROWS_PER_STATEMENT;
-use crate::engine::{Engine, EnginePool, EngineRow, begin_writing};
+use crate::engine::{Bind, Engine, EnginePool, EngineRow, begin_writing};
 
 /// The only description of views and columns.
 const SCHEMA: &str = include_str!("../../../docs/schema.md");
@@ -41,7 +41,7 @@ pub struct ViewColumn {
 }
 
 impl FromRow<'_, EngineRow> for ViewColumn {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             name: row.try_get("column_name")?,
             kind: row.try_get("type")?,
@@ -60,7 +60,7 @@ pub fn public_views() -> &'static [PublicView] {
 
 /// Stores the descriptions in the database if they differ from the stored ones. A program that only reads leaves the
 /// stored ones: they belong to the program that wrote last.
-pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
+pub(super) async fn fill(writer: &EnginePool) -> sqlx::Result<()> {
     let described: Vec<(&str, i64, &ViewColumn)> = public_views()
         .iter()
         .flat_map(|view| (1..).zip(&view.columns).map(|(place, column)| (view.name.as_str(), place, column)))
@@ -85,12 +85,7 @@ pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
         );
         insert.push_values(rows, |mut values, (view, position, column)| {
             values
-                .push_bind(*view)
-                .push_bind(*position)
-                .push_bind(&column.name)
-                .push_bind(&column.kind)
-                .push_bind(&column.unit)
-                .push_bind(&column.null_when)
+                .bind_all((*view, *position, &column.name, &column.kind, &column.unit, &column.null_when))
                 .push_bind(&column.meaning);
         });
         insert.build().execute(&mut *transaction).await?;
@@ -105,7 +100,7 @@ struct StoredColumns {
 }
 
 impl FromRow<'_, EngineRow> for StoredColumns {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             view_name: row.try_get("view_name")?,
             position: row.try_get("position")?,

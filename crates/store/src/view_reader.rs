@@ -35,9 +35,6 @@ pub struct ViewReader {
 
 impl Store {
     /// Begins to read the present state of the database.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn read_views(&self) -> Result<ViewReader, StoreError> {
         let mut transaction = self.checked(begin_reading(&self.readers).await)?;
         // the first read determines the moment
@@ -67,9 +64,6 @@ impl ViewReader {
     }
 
     /// Robots with a run, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn robots(&mut self) -> Result<Vec<String>, StoreError> {
         sqlx::query_scalar("SELECT DISTINCT robot FROM runs ORDER BY robot")
             .fetch_all(&mut *self.transaction)

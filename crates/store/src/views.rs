@@ -222,39 +222,27 @@ pub struct StoredCounts {
 
 impl Store {
     /// All runs, by robot and start.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn runs(&self) -> Result<Vec<RunRow>, StoreError> {
         self.checked(runs(&self.readers).await)
     }
 
     /// Health of every joint of every robot with a complete run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn fleet_health(&self) -> Result<Vec<FleetHealthRow>, StoreError> {
         self.checked(fleet_health(&self.readers).await)
     }
 
     /// Anomalies found after the one with key `after` (0 for all), oldest finding first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn anomalies_after(&self, after: i64) -> Result<Vec<AnomalyRow>, StoreError> {
         self.checked(anomalies_after(&self.readers, after).await)
     }
 
     /// Counts of stored rows.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn counts(&self) -> Result<StoredCounts, StoreError> {
         self.checked(counts(&self.readers).await)
     }
 }
 
-pub(crate) async fn runs(executor: impl EngineExecutor<'_>) -> Result<Vec<RunRow>, sqlx::Error> {
+pub(crate) async fn runs(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<RunRow>> {
     sqlx::query(
         "SELECT run_id, robot, started_at, source_name, rows, cycles, status, kind, reason, reason_line, reason_column
          FROM runs
@@ -280,9 +268,7 @@ pub(crate) async fn runs(executor: impl EngineExecutor<'_>) -> Result<Vec<RunRow
 }
 
 /// Every joint of every robot with a complete run, by robot and joint.
-pub(crate) async fn fleet_health(
-    executor: impl EngineExecutor<'_>,
-) -> Result<Vec<FleetHealthRow>, sqlx::Error> {
+pub(crate) async fn fleet_health(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<FleetHealthRow>> {
     sqlx::query(
         "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status,
                 last_result_at, reason, expected_by, friction_quantity, trend, warning_by, warning_by_lower,
@@ -317,7 +303,7 @@ pub(crate) async fn fleet_health(
 pub(crate) async fn anomalies_after(
     executor: impl EngineExecutor<'_>,
     after: i64,
-) -> Result<Vec<AnomalyRow>, sqlx::Error> {
+) -> sqlx::Result<Vec<AnomalyRow>> {
     sqlx::query(
         "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
                 first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
@@ -370,7 +356,7 @@ pub(crate) async fn anomalies_after(
 }
 
 /// Rejected causes from their JSON array.
-fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
+fn alternatives(text: &str) -> sqlx::Result<Vec<Alternative>> {
     let rejected: Vec<serde_json::Value> = serde_json::from_str(text)
         .map_err(|error| sqlx::Error::Decode(format!("column alternatives holds {text}: {error}").into()))?;
     let one = |of: &serde_json::Value| Alternative {
@@ -380,7 +366,7 @@ fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
     Ok(rejected.iter().map(one).collect())
 }
 
-pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<StoredCounts, sqlx::Error> {
+pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> sqlx::Result<StoredCounts> {
     sqlx::query(
         "SELECT (SELECT count(DISTINCT robot_id) FROM run) AS robots,
                 (SELECT count(*) FROM run WHERE status = 'streaming') AS streaming_runs,
@@ -405,18 +391,18 @@ pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<StoredCo
     .await
 }
 
-fn optional_time(row: &EngineRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+fn optional_time(row: &EngineRow, column: &str) -> sqlx::Result<Option<Timestamp>> {
     match row.try_get::<Option<&str>, _>(column)? {
         Some(_) => time_text(row, column).map(Some),
         None => Ok(None),
     }
 }
 
-fn forecast(row: &EngineRow) -> Result<Option<Forecast>, sqlx::Error> {
+fn forecast(row: &EngineRow) -> sqlx::Result<Option<Forecast>> {
     if row.try_get::<Option<&str>, _>("trend")?.is_none() {
         return Ok(None);
     }
-    let crossing = |by, lower, upper| -> Result<Option<Crossing>, sqlx::Error> {
+    let crossing = |by, lower, upper| -> sqlx::Result<Option<Crossing>> {
         let (days, upper) =
             (optional_day(row, by)?.zip(optional_day(row, lower)?), optional_day(row, upper)?);
         Ok(days.map(|(by, lower)| Crossing { by, lower, upper }))
@@ -428,7 +414,7 @@ fn forecast(row: &EngineRow) -> Result<Option<Forecast>, sqlx::Error> {
     }))
 }
 
-fn optional_day(row: &EngineRow, column: &str) -> Result<Option<Date>, sqlx::Error> {
+fn optional_day(row: &EngineRow, column: &str) -> sqlx::Result<Option<Date>> {
     let text: Option<&str> = row.try_get(column)?;
     let day = text.map(str::parse).transpose();
     day.map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))

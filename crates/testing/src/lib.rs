@@ -5,14 +5,29 @@
 pub mod arms;
 pub mod cycle;
 pub mod direct;
+pub mod noise;
 
 use armwatch_config::parse_robot;
 use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, Robot};
 
 /// The ER3A of its shipped description.
 pub fn er3a() -> Robot {
-    let text = include_str!("../../../config/robots/er3a.toml");
-    parse_robot("config/robots/er3a.toml", text).unwrap_or_else(|errors| panic!("{errors}"))
+    described(include_str!("../../../config/robots/er3a.toml"))
+}
+
+/// The SCARA of its shipped description.
+pub fn scara() -> Robot {
+    described(include_str!("../../../config/robots/scara.toml"))
+}
+
+/// The TX40 of its shipped description.
+pub fn tx40() -> Robot {
+    described(include_str!("../../../config/robots/tx40.toml"))
+}
+
+/// The arm of the text of a description file.
+pub fn described(text: &str) -> Robot {
+    parse_robot("robot.toml", text).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
 /// Changes the row of a joint of an arm in modified DH parameters.

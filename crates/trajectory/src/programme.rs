@@ -75,7 +75,7 @@ pub struct BesideRecord {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct ProgrammeFile {
     format: String,
     version: u32,
     robot: String,
@@ -105,7 +105,7 @@ impl Programme {
                 JointKind::Prismatic => FileJoint::Prismatic { centre_m: centre, a_m_s: a, b_m_s: b },
             }
         };
-        let file = File {
+        let file = ProgrammeFile {
             format: FORMAT.to_owned(),
             version: VERSION,
             robot: self.model.clone(),
@@ -136,7 +136,7 @@ impl Programme {
                 value.get("version").unwrap_or(&Value::Null)
             ));
         }
-        let file: File = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let file: ProgrammeFile = serde_json::from_str(text).map_err(|error| error.to_string())?;
         let mut series = FourierExcitation {
             base_frequency: file.base_frequency_hz,
             a: Vec::new(),

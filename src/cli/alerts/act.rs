@@ -3,7 +3,7 @@
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
-use super::words;
+use super::anomaly_texts;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::user::user;
@@ -37,8 +37,8 @@ pub(super) async fn shelve(
     if until <= now {
         return Err(CliError::Usage(format!(
             "--until {} has passed (it is {} now); give a later time, or --days N",
-            words::minute(until),
-            words::minute(now)
+            anomaly_texts::minute(until),
+            anomaly_texts::minute(now)
         )));
     }
     act(global, store, deed, AlarmAction::Shelve(until)).await
@@ -56,9 +56,9 @@ pub(super) async fn act(
     ids.dedup();
     match store.act_on_anomalies(&ids, action, &by, deed.why).await? {
         Ok(_) => {}
-        Err(NotDone::Withdrawn(id)) => return Err(words::withdrawn(id)),
+        Err(NotDone::Withdrawn(id)) => return Err(anomaly_texts::withdrawn(id)),
         Err(NotDone::Unknown(id)) => {
-            return Err(CliError::Usage(words::unknown(id, &store.anomalies_after(0).await?)));
+            return Err(CliError::Usage(anomaly_texts::unknown(id, &store.anomalies_after(0).await?)));
         }
         Err(reason @ NotDone::TooLong(_)) => {
             return Err(CliError::Usage(format!("{reason}{}", others(&ids))));
@@ -81,9 +81,9 @@ pub(super) async fn act(
             let why = deed.why.map(|why| format!(": {why}")).unwrap_or_default();
             output::line(&format!(
                 "{}  anomaly {} ({}) by {by}{why}",
-                words::state(row),
+                anomaly_texts::state(row),
                 row.anomaly_id,
-                words::name(row)
+                anomaly_texts::name(row)
             ));
         }
     }

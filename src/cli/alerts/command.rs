@@ -216,14 +216,14 @@ mod tests {
     use super::*;
 
     #[derive(Debug, Parser)]
-    struct Line {
+    struct AlertsLine {
         #[command(subcommand)]
         command: AlertsCommand,
     }
 
     fn parsed(line: &[&str]) -> Result<AlertsCommand, String> {
         let words: Vec<&str> = std::iter::once("alerts").chain(line.iter().copied()).collect();
-        Line::try_parse_from(words).map(|line| line.command).map_err(|error| error.to_string())
+        AlertsLine::try_parse_from(words).map(|line| line.command).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 
 use jiff::Timestamp;
 
-use super::words;
+use super::anomaly_texts;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::unknown_robot::require_robot;
@@ -39,7 +39,7 @@ pub(super) async fn list(
     wanted: &Wanted<'_>,
     now: Timestamp,
 ) -> Result<u8, CliError> {
-    let known = words::all(store, now).await?;
+    let known = anomaly_texts::all(store, now).await?;
     let mut rows: Vec<&AnomalyRow> = known.iter().filter(|row| wanted.includes(row)).collect();
     rows.sort_by_key(|row| {
         (row.state.is_closed(), Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id)
@@ -61,12 +61,12 @@ pub(super) async fn list(
         vec![
             row.anomaly_id.to_string(),
             output::coloured(row.severity.name()),
-            words::state(row),
+            anomaly_texts::state(row),
             row.robot.clone(),
             row.joint_number().map_or_else(|| "arm".into(), |number| number.to_string()),
             row.kind.to_string(),
-            words::minute(row.first_seen_at),
-            words::minute(row.last_seen_at),
+            anomaly_texts::minute(row.first_seen_at),
+            anomaly_texts::minute(row.last_seen_at),
         ]
     };
     let header = ["id", "severity", "state", "robot", "joint", "kind", "first seen", "last seen"];

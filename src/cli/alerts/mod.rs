@@ -6,4 +6,4 @@ mod list;
 mod quantities;
 mod show;
 mod test;
-pub(super) mod words;
+pub(super) mod anomaly_texts;

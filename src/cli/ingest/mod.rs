@@ -2,7 +2,7 @@
 
 mod progress;
 mod tally;
-mod words;
+mod export_texts;
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -12,9 +12,9 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use tokio_util::sync::CancellationToken;
 
+use self::export_texts::{print, print_conclusions};
 use self::progress::ProgressLine;
 use self::tally::Tally;
-use self::words::{print, print_conclusions};
 use super::context::{
     CliError, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store_until, require_database, runtime, shared,
 };
@@ -222,7 +222,7 @@ impl IngestBatch<'_> {
             let taken = self.pipeline.process_ahead(path, ahead, self.retry, self.stop, progress).await;
             if is_taken_elsewhere(&taken) {
                 self.bar.end(&Outcome::InWork { run_id: None });
-                self.bar.pause(|| output::print_hint(&words::elsewhere(path)));
+                self.bar.pause(|| output::print_hint(&export_texts::elsewhere(path)));
                 elsewhere.push(path);
             } else {
                 self.close(path, &taken?).await?;

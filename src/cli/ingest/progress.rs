@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 
-use super::words::lasting;
+use super::export_texts::lasting;
 use crate::pipeline::context::{Outcome, Progress};
 use armwatch_model::text;
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::words::lasting;
+use super::export_texts::lasting;
 use crate::cli::context::{EXIT_DONE, EXIT_FOUND};
 use crate::cli::shared::output;
 use crate::pipeline::context::Outcome;

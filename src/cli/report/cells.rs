@@ -87,7 +87,7 @@ pub(super) fn whole(value: impl std::fmt::Display) -> TableCell {
 /// A stored time to the minute.
 pub(super) fn minute(stored: &str) -> String {
     match stored.parse::<jiff::Timestamp>() {
-        Ok(time) => crate::cli::alerts::words::minute(time),
+        Ok(time) => crate::cli::alerts::anomaly_texts::minute(time),
         Err(_) => stored.to_owned(),
     }
 }

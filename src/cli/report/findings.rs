@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use jiff::Timestamp;
 
 use super::cells::{change, figure, percent};
-use crate::cli::alerts::words;
+use crate::cli::alerts::anomaly_texts;
 use crate::cli::shared::joints::{apart, named, reasons};
 use crate::cli::shared::life::standing;
 use crate::report::figure::{FigureLevel, StatusWord};
@@ -120,15 +120,15 @@ pub(super) fn of_anomaly(row: &AnomalyRow) -> PageFinding {
     words.push(format!(
         "Number {}; {}; since {}, seen last {}.{figures}",
         row.anomaly_id,
-        words::state(row),
-        words::minute(row.onset_at.unwrap_or(row.first_seen_at)),
-        words::minute(row.last_seen_at),
+        anomaly_texts::state(row),
+        anomaly_texts::minute(row.onset_at.unwrap_or(row.first_seen_at)),
+        anomaly_texts::minute(row.last_seen_at),
     ));
     if !row.alternatives.is_empty() {
         let causes: Vec<&str> = row.alternatives.iter().map(|of| of.cause.as_str()).collect();
         words.push(format!("Less likely causes that were compared: {}.", causes.join(", ")));
     }
-    let title = format!("{}, {}", capital(row.kind.name()), words::place(row));
+    let title = format!("{}, {}", capital(row.kind.name()), anomaly_texts::place(row));
     PageFinding { standing: of_severity(row.severity), title, words }
 }
 
@@ -199,7 +199,7 @@ fn capital(text: &str) -> String {
 
 /// The line below a title: time of the page, and its program.
 pub(super) fn made(now: Timestamp) -> String {
-    format!("armwatch {}, {}; times are UTC", env!("CARGO_PKG_VERSION"), words::minute(now))
+    format!("armwatch {}, {}; times are UTC", env!("CARGO_PKG_VERSION"), anomaly_texts::minute(now))
 }
 
 #[cfg(test)]

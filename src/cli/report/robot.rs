@@ -64,7 +64,7 @@ impl<'a> RobotData<'a> {
         now: Timestamp,
     ) -> Result<Self, CliError> {
         let life = RobotLife::read(store, robot).await?;
-        let mut anomalies = alerts::words::all(store, now).await?;
+        let mut anomalies = alerts::anomaly_texts::all(store, now).await?;
         anomalies.retain(|row| row.robot == robot);
         let of_robot = [("robot", robot)];
         let baselines = rows(store, "baselines", &of_robot, "started_at").await?;
@@ -186,7 +186,7 @@ fn conclusions(of: &RobotData<'_>) -> PageSection {
     let tests = of.tests();
     let fact = |name: &str, words: String| (name.to_owned(), words);
     let date = |run: Option<&&RunRow>| {
-        run.map_or_else(|| "none".into(), |run| alerts::words::minute(run.started_at))
+        run.map_or_else(|| "none".into(), |run| alerts::anomaly_texts::minute(run.started_at))
     };
     let result = of.life.health.iter().filter_map(|row| row.last_result_at).max();
     let cycles: u32 = tests.iter().map(|run| run.cycles).sum();
@@ -195,7 +195,7 @@ fn conclusions(of: &RobotData<'_>) -> PageSection {
         fact("complete tests", format!("{}, {cycles} cycles", tests.len())),
         fact("first test", date(tests.first())),
         fact("latest test", date(tests.last())),
-        fact("latest result", result.map_or_else(|| "none".into(), alerts::words::minute)),
+        fact("latest result", result.map_or_else(|| "none".into(), alerts::anomaly_texts::minute)),
         fact("work entered", of.life.work.len().to_string()),
     ])];
     blocks.push(PageBlock::Text(in_words(of)));
@@ -304,7 +304,7 @@ fn tests_table(of: &RobotData<'_>) -> PageBlock {
         let ours =
             |joint: JointIndex| of.evidence.iter().find(|of| of.run_id == run.run_id && of.joint == joint);
         let mut cells =
-            vec![whole(run.run_id), words(alerts::words::minute(run.started_at)), whole(run.cycles)];
+            vec![whole(run.run_id), words(alerts::anomaly_texts::minute(run.started_at)), whole(run.cycles)];
         cells.extend(joints.iter().map(|joint| {
             let found = ours(*joint);
             TableCell::Number(match found.and_then(|of| of.friction_index) {
@@ -493,12 +493,12 @@ fn alarms(of: &RobotData<'_>) -> PageSection {
     let row = |row: &AnomalyRow| {
         vec![
             whole(row.anomaly_id),
-            words(alerts::words::place(row)),
+            words(alerts::anomaly_texts::place(row)),
             words(row.kind.name()),
             words(row.severity.name()),
-            words(alerts::words::state(row)),
-            words(alerts::words::minute(row.onset_at.unwrap_or(row.first_seen_at))),
-            words(alerts::words::minute(row.last_seen_at)),
+            words(alerts::anomaly_texts::state(row)),
+            words(alerts::anomaly_texts::minute(row.onset_at.unwrap_or(row.first_seen_at))),
+            words(alerts::anomaly_texts::minute(row.last_seen_at)),
             words(sentence(&row.message)),
         ]
     };
@@ -518,7 +518,7 @@ fn alarms(of: &RobotData<'_>) -> PageSection {
 fn maintenance(of: &RobotData<'_>) -> PageSection {
     let row = |row: &armwatch_store::MaintenanceRow| {
         vec![
-            words(alerts::words::minute(row.work.at)),
+            words(alerts::anomaly_texts::minute(row.work.at)),
             words(row.work.joint.map_or_else(|| "whole arm".to_owned(), |joint| format!("joint {joint}"))),
             words(row.work.what.as_str()),
             words(row.work.who.as_deref().unwrap_or("not said")),

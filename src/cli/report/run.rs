@@ -71,7 +71,7 @@ pub(super) async fn page(
 ) -> Result<Page, CliError> {
     let stored = RunData::read(store, run).await?;
     let life = RobotLife::read(store, &run.robot).await?;
-    let anomalies = alerts::words::all(store, now).await?;
+    let anomalies = alerts::anomaly_texts::all(store, now).await?;
     let seen: Vec<&AnomalyRow> = anomalies.iter().filter(|row| is_seen_in(row, run)).collect();
     let evidence = store.evidence(&run.robot).await?;
     let findings: Vec<PageFinding> = if is_latest(run, runs) {
@@ -176,7 +176,7 @@ fn facts(run: &RunRow, stored: &RunData) -> PageBlock {
     PageBlock::Facts(vec![
         fact("robot", run.robot.clone()),
         fact("model", if model.is_empty() { "not recognised".into() } else { model.to_owned() }),
-        fact("recorded", alerts::words::minute(run.started_at)),
+        fact("recorded", alerts::anomaly_texts::minute(run.started_at)),
         fact("export", run.source_name.clone()),
         fact("kind, status", format!("{}, {}", run.kind.name(), run.status.name())),
         fact("cycles", format!("{}, {usable} with parameters", stored.cycles.len())),

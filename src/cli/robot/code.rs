@@ -14,7 +14,7 @@ use crate::cli::shared::paths::not_written;
 use crate::cli::shared::selection::{cycle_numbers, note_cycles};
 use crate::pipeline::stored::chosen_cycles::{RunCycles, StoredError, identify_taken, take};
 use crate::robot_code::code::TorqueCode;
-use crate::robot_code::language::{Language, SourceFile};
+use crate::robot_code::language::{CodeLanguage, SourceFile};
 use crate::robot_code::origin::{CodeOrigin, GENERATED_BY};
 use crate::robot_code::torque::CodeParameter;
 use crate::robot_code::vectors::{ROUNDING, VECTOR_STATES};
@@ -83,12 +83,12 @@ pub(in crate::cli) struct RobotCodeArgs {
 
 /// A language as an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct LanguageArg(Language);
+struct LanguageArg(CodeLanguage);
 
 impl ValueEnum for LanguageArg {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [LanguageArg; Language::ALL.len()] = {
-            let [first, second, third] = Language::ALL;
+        const ALL: [LanguageArg; CodeLanguage::ALL.len()] = {
+            let [first, second, third] = CodeLanguage::ALL;
             [LanguageArg(first), LanguageArg(second), LanguageArg(third)]
         };
         &ALL

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[derive(Parser)]
-    struct Line {
+    struct ArmLine {
         #[command(flatten)]
         arm: ArmOptions,
         #[arg(long, default_value_t = 0.0)]
@@ -205,7 +205,7 @@ mod tests {
     }
 
     fn read(text: &str) -> Result<ArmOptions, String> {
-        let line = Line::try_parse_from(std::iter::once("simulate").chain(text.split_whitespace()));
+        let line = ArmLine::try_parse_from(std::iter::once("simulate").chain(text.split_whitespace()));
         line.map(|line| line.arm).map_err(|error| error.to_string())
     }
 

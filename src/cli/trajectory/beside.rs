@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::cli::context::{CliError, Global, open_to_read, runtime};
 use crate::cli::shared::output;
-use crate::cli::trajectory::words::without_numbers;
+use crate::cli::trajectory::limit_texts::without_numbers;
 use crate::pipeline::stored::run_information::run_information;
 use armwatch_method::NumericsError;
 use armwatch_method::model::base_parameters::BaseParameters;

@@ -6,10 +6,10 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::arm::arm;
+use super::limit_texts::{nearness, print_nearness};
 use super::motion_check::MotionCheck;
 use super::samples::samples;
 use super::surroundings::SurroundingsArgs;
-use super::words::{nearness, print_nearness};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::{programme, read};

@@ -11,4 +11,4 @@ mod samples;
 mod surroundings;
 mod torque;
 pub(super) mod whole_test;
-mod words;
+mod limit_texts;

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
+use super::limit_texts;
 use super::torque::{TorqueUse, heating, peaks_beyond, torque_use};
-use super::words;
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use armwatch_model::robot::{FourierExcitation, JointIndex, Robot};
@@ -74,7 +74,7 @@ impl<'a> MotionCheck<'a> {
 
     /// Broken limits, one sentence each.
     pub fn broken(&self) -> Vec<String> {
-        let motion = self.check.breaches.iter().map(|breach| words::sentence(self.robot, breach));
+        let motion = self.check.breaches.iter().map(|breach| limit_texts::sentence(self.robot, breach));
         let near = self.too_near().map(|(name, near, limit)| {
             format!(
                 "{name}: {:.1} mm apart at {:.3} s, at least {:.1} mm are required",
@@ -183,7 +183,7 @@ impl<'a> MotionCheck<'a> {
 
     /// Broken limits for scripts: those of joints, then distances, then torques.
     pub fn broken_value(&self) -> Vec<Value> {
-        let motion = self.check.breaches.iter().map(|breach| words::as_value(self.robot, breach));
+        let motion = self.check.breaches.iter().map(|breach| limit_texts::as_value(self.robot, breach));
         let near = self.too_near().map(|(name, near, limit)| {
             json!({
                 "between": name, "quantity": "clearance", "unit": "m", "value": near.at_least, "limit": limit,

@@ -11,13 +11,13 @@ use armwatch_model::run::FileId;
 
 const SETTLE: Duration = Duration::from_secs(3);
 
-struct WatchedFolder {
+struct ScheduledFolder {
     schedule: FileSchedule,
     start: Instant,
     files: Vec<FoundFile>,
 }
 
-impl WatchedFolder {
+impl ScheduledFolder {
     fn new() -> Self {
         Self { schedule: FileSchedule::new(SETTLE, HashMap::new()), start: Instant::now(), files: Vec::new() }
     }
@@ -74,7 +74,7 @@ fn name(due: Option<&NextAttempt>) -> Option<&str> {
 
 #[test]
 fn a_file_that_was_seen_to_grow_is_read_at_once_and_one_that_stands_when_it_has_settled() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     folder.write("b2", 10);
     folder.look(0);
@@ -92,7 +92,7 @@ fn a_file_that_was_seen_to_grow_is_read_at_once_and_one_that_stands_when_it_has_
 
 #[test]
 fn a_mark_ends_the_wait() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("marked1", 10);
     folder.look(0);
     assert_eq!(name(folder.settled(&[]).as_ref()), Some("marked1"));
@@ -100,7 +100,7 @@ fn a_mark_ends_the_wait() {
 
 #[test]
 fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     let settled = |size| KnownFile::Settled(size, 0);
     let begun = [("a1", KnownFile::Growing), ("b2", settled(10)), ("c3", settled(9))];
     folder.schedule = FileSchedule::new(SETTLE, begun.map(|(name, begun)| (name.into(), begun)).into());
@@ -115,7 +115,7 @@ fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
 
 #[test]
 fn what_was_decided_before_is_left_alone_until_it_changes() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     ["a1", "a2"].into_iter().for_each(|name| folder.write(name, 10));
     let unseen: Vec<&Path> = folder.unseen().iter().map(|file| file.path.as_path()).collect();
     assert_eq!(unseen, [Path::new("a1"), Path::new("a2")]);
@@ -132,7 +132,7 @@ fn what_was_decided_before_is_left_alone_until_it_changes() {
 
 #[test]
 fn a_file_that_cannot_be_read_is_tried_less_and_less_often_until_it_changes() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     let mut tries = Vec::new();
     for second in 0..200 {
@@ -150,7 +150,7 @@ fn a_file_that_cannot_be_read_is_tried_less_and_less_often_until_it_changes() {
 
 #[test]
 fn lanes_go_side_by_side_each_in_the_order_of_names() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     for name in ["b4", "a3", "a2", "b5"] {
         folder.write(name, 10);
     }
@@ -164,7 +164,7 @@ fn lanes_go_side_by_side_each_in_the_order_of_names() {
 
 #[test]
 fn robots_are_served_in_turn_and_not_by_their_place_in_the_alphabet() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     ["a1", "a2", "a3", "z4"].into_iter().for_each(|name| folder.write(name, 10));
     [0, 3].into_iter().for_each(|at| folder.look(at));
     let mut taken = Vec::new();
@@ -183,9 +183,9 @@ fn robots_are_served_in_turn_and_not_by_their_place_in_the_alphabet() {
 
 #[test]
 fn growing_files_of_robots_are_read_in_turn() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     let names = ["a1", "a2", "b3", "c4"];
-    let grow = |folder: &mut WatchedFolder, at: u64| {
+    let grow = |folder: &mut ScheduledFolder, at: u64| {
         names.into_iter().for_each(|name| folder.write(name, 10 + at));
         folder.look(at);
     };
@@ -205,7 +205,7 @@ fn growing_files_of_robots_are_read_in_turn() {
 #[test]
 fn a_file_that_gave_its_place_is_read_again_only_if_there_is_more_of_it() {
     for (read, again) in [(12, None), (11, Some("a1"))] {
-        let mut folder = WatchedFolder::new();
+        let mut folder = ScheduledFolder::new();
         folder.write("a1", 10);
         folder.look(0);
         folder.write("a1", 11);
@@ -225,12 +225,12 @@ fn a_file_that_gave_its_place_is_read_again_only_if_there_is_more_of_it() {
 
 #[test]
 fn small_files_go_past_large_ones_of_other_robots() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     for (name, bytes) in [("a1", 1000), ("a2", 10), ("b3", 10)] {
         folder.write(name, bytes);
     }
     [0, 3].into_iter().for_each(|at| folder.look(at));
-    let small = |folder: &mut WatchedFolder, busy: &[&str]| {
+    let small = |folder: &mut ScheduledFolder, busy: &[&str]| {
         let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
         folder.schedule.next_settled(&busy, |_| true, |bytes| bytes < 100).map(|(due, _)| due)
     };
@@ -241,7 +241,7 @@ fn small_files_go_past_large_ones_of_other_robots() {
 
 #[test]
 fn a_file_taken_is_left_alone_until_it_changes_even_while_it_was_read() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     [0, 3].into_iter().for_each(|at| folder.look(at));
     let due = folder.settled(&[]).expect("settled");
@@ -266,7 +266,7 @@ fn a_file_taken_is_left_alone_until_it_changes_even_while_it_was_read() {
 
 #[test]
 fn a_file_that_is_asked_for_is_taken_again() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     [0, 3].into_iter().for_each(|at| folder.look(at));
     let due = folder.settled(&[]).expect("settled");
@@ -281,7 +281,7 @@ fn a_file_that_is_asked_for_is_taken_again() {
 
 #[test]
 fn a_writer_that_pauses_longer_is_waited_for_longer() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     let mut waits = Vec::new();
     for round in 0..12 {
         folder.write("a1", 10 + round);
@@ -296,7 +296,7 @@ fn a_writer_that_pauses_longer_is_waited_for_longer() {
 
 #[test]
 fn a_file_to_be_judged_when_settled_is_not_followed_again_unless_it_is_another() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     folder.look(0);
     folder.write("a1", 20);
@@ -316,7 +316,7 @@ fn a_file_to_be_judged_when_settled_is_not_followed_again_unless_it_is_another()
 
 #[test]
 fn a_growing_file_that_cannot_be_read_on_is_tried_again_ever_later() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     folder.look(0);
     let mut tries = Vec::new();
@@ -335,7 +335,7 @@ fn a_growing_file_that_cannot_be_read_on_is_tried_again_ever_later() {
 
 #[test]
 fn files_that_the_program_may_not_have_survived_are_opened_one_at_a_time() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     let start = folder.start;
     folder.schedule.suspect(Suspects::new(start, ["a1", "b2"].map(|name| (PathBuf::from(name), 1))));
     for name in ["a1", "b2", "c3"] {
@@ -357,7 +357,7 @@ fn files_that_the_program_may_not_have_survived_are_opened_one_at_a_time() {
 
 #[test]
 fn a_file_does_not_settle_by_a_look_that_is_told_again() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     folder.write("a1", 10);
     folder.look(0);
     folder.look_as(60, LookKind::Before);
@@ -371,13 +371,13 @@ fn a_file_does_not_settle_by_a_look_that_is_told_again() {
 
 #[test]
 fn a_file_that_may_not_be_opened_holds_up_no_other() {
-    let mut folder = WatchedFolder::new();
+    let mut folder = ScheduledFolder::new();
     for file in ["a1", "a2", "b3"] {
         folder.write(file, 10);
     }
     folder.look(0);
     folder.look(3);
-    let next = |folder: &mut WatchedFolder| {
+    let next = |folder: &mut ScheduledFolder| {
         let may = |path: &Path| !path.ends_with("a1");
         folder.schedule.next_settled(&Default::default(), may, |_| true).map(|(due, _)| due)
     };

@@ -43,9 +43,6 @@ pub(super) struct JudgedDates {
 
 impl Pipeline {
     /// Checks the starts of a robot's recordings, and stores the changes.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub(super) async fn judge_dates(&self, robot: &StaleRobot) -> Result<JudgedDates, PipelineError> {
         let runs = self.store.dated_runs(&robot.name).await?;
         let mut judged = JudgedDates {

@@ -45,9 +45,6 @@ pub struct Concluded {
 
 impl Pipeline {
     /// Draws conclusions for every robot whose history has changed since the last time, by name.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn conclude(&self) -> Result<Vec<Concluded>, PipelineError> {
         let mut concluded = Vec::new();
         // conclusions of one robot may change those of others of its model, but the latter change no others
@@ -60,9 +57,6 @@ impl Pipeline {
     }
 
     /// Draws conclusions for the robot of this name, unless they are as new as its history.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn conclude_named(&self, name: &str) -> Result<Option<Concluded>, PipelineError> {
         let stale = self.store.stale_robots().await?;
         match stale.iter().find(|robot| robot.name == name) {

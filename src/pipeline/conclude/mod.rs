@@ -5,7 +5,7 @@ pub mod history;
 pub mod isolation;
 mod load;
 pub mod method;
-pub mod open_test;
+pub mod open_conclusion;
 pub mod windows;
 
 #[cfg(test)]

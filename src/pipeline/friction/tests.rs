@@ -32,13 +32,13 @@ const TOLERANCE: f64 = 0.025;
 
 /// A test on a day: its cycles, and the friction of the worn joint as a multiple of its initial friction.
 #[derive(Clone, Copy)]
-struct Test {
+struct DatedTest {
     day: i64,
     cycles: u32,
     factor: f64,
 }
 
-struct Fleet {
+struct WornFleet {
     _folder: tempfile::TempDir,
     pipeline: Pipeline,
     robot: Robot,
@@ -50,7 +50,7 @@ fn at(day: i64) -> Timestamp {
 }
 
 /// Plateaus of a cycle of a joint that warms with a time constant of half an hour, with scatter of half a percent.
-fn points(test: Test, cycle: u32) -> Vec<FrictionPoint> {
+fn points(test: DatedTest, cycle: u32) -> Vec<FrictionPoint> {
     let mut rng = ChaCha8Rng::seed_from_u64(1000 * test.day as u64 + u64::from(cycle));
     let mut found = Vec::new();
     for joint in 0..JOINTS {
@@ -80,7 +80,7 @@ fn points(test: Test, cycle: u32) -> Vec<FrictionPoint> {
 }
 
 /// A cycle with friction and without parameters.
-fn cycle(test: Test, number: u32) -> CycleAnalysis {
+fn cycle(test: DatedTest, number: u32) -> CycleAnalysis {
     CycleAnalysis {
         cycle: number,
         start: CYCLE_S * f64::from(number - 1),
@@ -106,7 +106,7 @@ fn cycle(test: Test, number: u32) -> CycleAnalysis {
     }
 }
 
-impl Fleet {
+impl WornFleet {
     async fn new(baseline_runs: usize) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
@@ -119,7 +119,7 @@ impl Fleet {
         self.pipeline.store()
     }
 
-    async fn store_test(&self, test: Test) {
+    async fn store_test(&self, test: DatedTest) {
         let name = format!("{ROBOT}_{}.csv", test.day);
         let header = RunHeader {
             robot: ROBOT.into(),
@@ -208,13 +208,13 @@ impl Fleet {
 }
 
 /// 12 short trial runs, then a short check per day and a full test per week.
-fn year(days: i64, factor: impl Fn(i64) -> f64) -> Vec<Test> {
+fn year(days: i64, factor: impl Fn(i64) -> f64) -> Vec<DatedTest> {
     let cycles = |day: i64| match day {
         0..12 => 2,
         _ if day % 7 == 0 => 8,
         _ => 3,
     };
-    (0..days).map(|day| Test { day, cycles: cycles(day), factor: factor(day) }).collect()
+    (0..days).map(|day| DatedTest { day, cycles: cycles(day), factor: factor(day) }).collect()
 }
 
 /// A year: wear of 10 % until a repair on day 211. The new gearbox has a fifth less friction. A corrected torque
@@ -228,7 +228,7 @@ async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
         REPAIR..CORRECTION => 0.8,
         _ => 0.88,
     };
-    let mut fleet = Fleet::new(5).await;
+    let mut fleet = WornFleet::new(5).await;
     let tests = year(365, factor);
     for test in &tests[..100] {
         fleet.store_test(*test).await;
@@ -300,11 +300,11 @@ async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
 
 #[tokio::test]
 async fn the_order_of_arrival_and_of_conclusions_moves_no_index() {
-    let tests: Vec<Test> = year(70, |day| 1.0 + 0.001 * day as f64)
+    let tests: Vec<DatedTest> = year(70, |day| 1.0 + 0.001 * day as f64)
         .into_iter()
         .filter(|test| test.day % 3 != 1 || test.cycles == 8)
         .collect();
-    let in_order = Fleet::new(3).await;
+    let in_order = WornFleet::new(3).await;
     for (count, test) in tests.iter().enumerate() {
         in_order.store_test(*test).await;
         if count % 12 == 0 {
@@ -313,7 +313,7 @@ async fn the_order_of_arrival_and_of_conclusions_moves_no_index() {
     }
     in_order.repair(WORN, 45).await;
     in_order.conclude().await;
-    let shuffled = Fleet::new(3).await;
+    let shuffled = WornFleet::new(3).await;
     for (count, place) in (0..tests.len()).map(|k| (k * 17 + 5) % tests.len()).enumerate() {
         shuffled.store_test(tests[place]).await;
         if count == 20 {
@@ -334,8 +334,8 @@ async fn the_order_of_arrival_and_of_conclusions_moves_no_index() {
 
 #[tokio::test]
 async fn a_late_test_inside_a_baseline_forms_it_anew_and_the_audit_says_so() {
-    let fleet = Fleet::new(3).await;
-    let full = |day| Test { day, cycles: 8, factor: 1.0 };
+    let fleet = WornFleet::new(3).await;
+    let full = |day| DatedTest { day, cycles: 8, factor: 1.0 };
     for day in [0, 1, 3, 4, 5] {
         fleet.store_test(full(day)).await;
     }
@@ -362,9 +362,9 @@ async fn a_late_test_inside_a_baseline_forms_it_anew_and_the_audit_says_so() {
 
 #[tokio::test]
 async fn epochs_are_counted_anew_where_an_entry_before_them_goes() {
-    let fleet = Fleet::new(2).await;
+    let fleet = WornFleet::new(2).await;
     for day in 0..12 {
-        fleet.store_test(Test { day, cycles: 8, factor: 1.0 }).await;
+        fleet.store_test(DatedTest { day, cycles: 8, factor: 1.0 }).await;
     }
     let mut entries = Vec::new();
     for day in [3, 6, 9] {

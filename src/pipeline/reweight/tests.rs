@@ -17,12 +17,12 @@ use armwatch_store::Store;
 /// Tests of one robot, with few short cycles: enough for a baseline.
 const TESTS: u32 = 4;
 
-struct Fleet {
+struct ReweightFleet {
     folder: tempfile::TempDir,
     exports: Vec<PathBuf>,
 }
 
-fn fleet() -> Fleet {
+fn fleet() -> ReweightFleet {
     let folder = tempfile::tempdir().expect("a folder");
     let settings = SimulationSettings {
         cycles: 2,
@@ -34,7 +34,7 @@ fn fleet() -> Fleet {
     let export =
         |run| simulate_run(&robot, &settings, run, folder.path(), &mut |_| ()).expect("an export").export;
     let exports = (0..TESTS).map(export).collect();
-    Fleet { folder, exports }
+    ReweightFleet { folder, exports }
 }
 
 async fn pipeline(path: &Path, estimator: Estimator) -> Pipeline {
@@ -43,7 +43,7 @@ async fn pipeline(path: &Path, estimator: Estimator) -> Pipeline {
     Pipeline::new(Arc::new(config), Store::open(path).await.expect("a store"))
 }
 
-impl Fleet {
+impl ReweightFleet {
     fn database(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }

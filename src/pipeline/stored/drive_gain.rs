@@ -27,7 +27,7 @@ pub async fn stored_drive_gains(
     let cycles = read_both(store, robot, without, with).await?;
     let robot = robot.clone();
     tokio::task::spawn_blocking(move || {
-        let Recorded { base, columns, cycles } = Recorded::of(&robot, &cycles)?;
+        let LoadedCycles { base, columns, cycles } = LoadedCycles::of(&robot, &cycles)?;
         // the stored columns have another order than the description's
         let change = load_change(&robot, &base, &load);
         let change = columns.theta(base.kept.iter().copied().zip(change))?;
@@ -54,13 +54,13 @@ pub(super) async fn read_both(
 }
 
 /// Cycles without and with a load, in the columns of their description.
-pub(super) struct Recorded {
+pub(super) struct LoadedCycles {
     pub(super) base: BaseParameters,
     pub(super) columns: FactorColumns,
     pub(super) cycles: Vec<RecordedCycle>,
 }
 
-impl Recorded {
+impl LoadedCycles {
     pub(super) fn of(robot: &Robot, cycles: &[(StoredCycle, bool)]) -> Result<Self, NumericsError> {
         let base = base_parameters(robot)?;
         let own = FactorColumns::new(robot, &base);

@@ -4,7 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::chosen_cycles::{RunCycles, StoredError, in_ranges};
-use super::drive_gain::{Recorded, read_both};
+use super::drive_gain::{LoadedCycles, read_both};
 use armwatch_config::Config;
 use armwatch_method::NumericsError;
 use armwatch_method::pooled::payload::{Interval, Payload, payload};
@@ -87,7 +87,7 @@ pub async fn payload_of_runs(
     let cycles = read_both(store, &entry.description, &chosen(empty), &chosen(loaded)).await?;
     let (robot, bound) = (entry.description.clone(), entry.gain_uncertainty);
     let found = tokio::task::spawn_blocking(move || {
-        let Recorded { base, columns, cycles } = Recorded::of(&robot, &cycles)?;
+        let LoadedCycles { base, columns, cycles } = LoadedCycles::of(&robot, &cycles)?;
         payload(&robot, &base, &columns, &cycles, bound)
     });
     match found.await? {

@@ -35,17 +35,11 @@ impl Pipeline {
     }
 
     /// Returns true if an earlier attempt at a file ended the program.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub(in crate::pipeline) async fn is_suspect(&self, name: &str) -> Result<bool, PipelineError> {
         Ok(self.store.failed_attempts(AttemptKind::Export, name).await? > 0)
     }
 
     /// Notes that an attempt has ended. An attempt that a stop interrupted proves nothing about the file.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub(in crate::pipeline) async fn end_attempt(
         &self,
         name: &str,
@@ -60,9 +54,6 @@ impl Pipeline {
 
     /// Quarantines a file that crashed the program three times, without opening it. If a run of it had started, that
     /// run keeps its cycles. Otherwise the hash of the path replaces that of the content, as for an unreadable file.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub(in crate::pipeline) async fn quarantine_unread(
         &self,
         path: &Path,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::intake::{self, Recognised};
 use crate::pipeline::context::{Pipeline, PipelineError};
-use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::bytes::parts::RecordingParts;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::joined;
 use armwatch_model::run::ContentHash;
@@ -32,7 +32,7 @@ pub(super) async fn missing_part(
     pipeline: &Pipeline,
     path: &Path,
 ) -> Result<Option<Rejection>, PipelineError> {
-    let Some(parts) = Parts::of(path) else { return Ok(None) };
+    let Some(parts) = RecordingParts::of(path) else { return Ok(None) };
     let missing = pipeline.with_files(move || parts.missing()).await?;
     Ok(missing.map(|missing| joined::missing_part(path, &missing)))
 }

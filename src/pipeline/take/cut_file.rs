@@ -20,9 +20,6 @@ pub(super) const GOES_ON: &str = "the file was truncated and its rows continue w
     read with the earlier header, as another run";
 
 /// The header with which this file was read before, under the settings that are in force.
-///
-/// # Errors
-/// Those of the store.
 pub(in crate::pipeline) async fn header_before(
     pipeline: &Pipeline,
     path: &Path,

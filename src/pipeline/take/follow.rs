@@ -25,7 +25,7 @@ use crate::pipeline::{FromRejection, Lane};
 use armwatch_config::FleetEntry;
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::HashingReader;
-use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::bytes::parts::RecordingParts;
 use armwatch_ingest::find::tail;
 use armwatch_ingest::find::tail::{Fate, Growing, Growth, Tail};
 use armwatch_ingest::rejection::Rejection;
@@ -140,7 +140,7 @@ impl Pipeline {
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
         // the set of parts is known when they have settled
-        if Parts::of(path).is_some() {
+        if RecordingParts::of(path).is_some() {
             return Ok(Followed::UntilSettled);
         }
         let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {

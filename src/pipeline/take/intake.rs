@@ -18,7 +18,7 @@ use crate::pipeline::cycle_memory::RecordingTurn;
 use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::fingerprint;
-use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::bytes::parts::RecordingParts;
 use armwatch_ingest::bytes::{fingerprint, parts, source};
 use armwatch_ingest::find::archive::original_name;
 use armwatch_ingest::rejection::Rejection;
@@ -105,7 +105,7 @@ async fn admit_content(
     };
     forget_unreadable(pipeline, path).await?;
     // a part that arrived before its predecessor
-    for late in Parts::of(path).map_or_else(Vec::new, |parts| parts.later()) {
+    for late in RecordingParts::of(path).map_or_else(Vec::new, |parts| parts.later()) {
         forget_unreadable(pipeline, &late).await?;
     }
     let header_before = match &recognised {
@@ -161,9 +161,6 @@ async fn admit_content(
 }
 
 /// Starts or continues the run of a file.
-///
-/// # Errors
-/// Those of the store.
 pub(in crate::pipeline) async fn begin(
     pipeline: &Pipeline,
     path: &Path,
@@ -210,9 +207,6 @@ pub(in crate::pipeline) async fn begin(
 /// Collects the facts about the file at `path` for the decision. Compares its first bytes with the content of earlier
 /// runs of the same path, the same file or the same recording. Returns a rejection if the file cannot be read now.
 /// Writes nothing.
-///
-/// # Errors
-/// Those of the store.
 pub(in crate::pipeline) async fn facts(
     pipeline: &Pipeline,
     path: &Path,
@@ -296,9 +290,6 @@ fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun)
 
 impl Pipeline {
     /// Stores why a file or link is not read, unless that is stored already.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn list_skipped(&self, path: &Path, rejection: Rejection) -> Result<(), PipelineError> {
         let identity = path_identity(self.store(), path);
         let known = self.store().lookup(&identity).await?;
@@ -311,9 +302,6 @@ impl Pipeline {
     }
 
     /// Deletes the entry that [`Pipeline::list_skipped`] stored.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn unlist_skipped(&self, path: &Path) -> Result<(), PipelineError> {
         forget_unreadable(self, path).await
     }

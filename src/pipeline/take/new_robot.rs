@@ -12,9 +12,6 @@ use armwatch_model::text;
 
 /// Why an export does not become the first of a new robot; `None` if its robot is known, or the name is clearly its
 /// own.
-///
-/// # Errors
-/// Those of the store.
 pub(in crate::pipeline) async fn question(
     pipeline: &Pipeline,
     path: &Path,
@@ -55,9 +52,6 @@ pub(in crate::pipeline) async fn question(
 }
 
 /// Reports that a file has created a new robot although the pattern of file names does not match it.
-///
-/// # Errors
-/// Those of the store.
 pub(in crate::pipeline) async fn say_unmatched(
     pipeline: &Pipeline,
     path: &Path,

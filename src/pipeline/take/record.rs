@@ -133,9 +133,6 @@ fn too_many_without_result(intake: &AdmittedExport, without: &WithoutResult) -> 
 /// was completed in the meantime, this one is removed. Conclusions from the robot's history follow later, see
 /// [`Pipeline::conclude`]. `written_at` is the last write time of the file. If the file's name gives no start, the
 /// start is that time minus the recording's duration, for growing and settled files.
-///
-/// # Errors
-/// Those of the store.
 pub async fn finish(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
@@ -232,9 +229,6 @@ async fn analyse_test(
 }
 
 /// Quarantines an admitted export; whole cycles before the fault stay stored.
-///
-/// # Errors
-/// Those of the store.
 pub async fn quarantine(
     pipeline: &Pipeline,
     intake: &AdmittedExport,

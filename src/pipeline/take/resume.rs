@@ -81,9 +81,6 @@ pub fn settings_hash(
 }
 
 /// The point that is stored with the cycles of a run, if it can be used with these settings.
-///
-/// # Errors
-/// Those of the store.
 pub(in crate::pipeline) async fn of_run(
     pipeline: &Pipeline,
     run_id: i64,

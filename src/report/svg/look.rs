@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use super::panel::event_mark;
+use super::picture_text::text;
 use super::series::draw_marks;
 use super::sizes::{DOT, LETTER, RIGHT, WIDTH, colours};
-use super::words::text;
 use crate::report::figure::{COLOURS, Key, Look, Mark, RAMP, TINTS};
 
 /// Height of a row of the legend, px.

@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
+use super::picture_text::text;
 use super::series::{Axes, draw_area, draw_series, is_finite, is_shown, significant};
 use super::sizes::{ABOVE, LETTER, REACH, RIGHT, STRIP_GAP, STRIP_HEIGHT};
-use super::words::text;
 use crate::report::figure::{
     Band, FigureEvent, FigureEventKind, FigureLevel, Panel, Series, StatusWord, TINTS, XAxis, YAxis, extent,
 };

@@ -4,10 +4,9 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::robot_code::vectors::ROUNDING;
-use armwatch_config::parse_robot;
 use armwatch_model::robot::ParameterId;
 use armwatch_testing::arms::{any_arm, numbers};
-use armwatch_testing::er3a;
+use armwatch_testing::{er3a, scara};
 
 fn origin() -> CodeOrigin {
     CodeOrigin {
@@ -30,7 +29,7 @@ proptest! {
         let values: Vec<f64> = phi.iter().map(|x| if sparse && *x < 0.3 { 0.0 } else { *x }).collect();
         let code = TorqueCode::new(&robot, &all(&robot, &values), &robot.model, &origin());
         prop_assert!(code.largest_difference() < ROUNDING, "{}", code.largest_difference());
-        for language in Language::ALL {
+        for language in CodeLanguage::ALL {
             prop_assert_eq!(code.files(language), code.files(language));
         }
     }
@@ -60,11 +59,10 @@ fn what_is_zero_is_not_computed() {
 
 #[test]
 fn the_scara_needs_no_cosine_of_its_shoulder() {
-    let text = include_str!("../../../config/robots/scara.toml");
-    let robot = parse_robot("config/robots/scara.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
+    let robot = scara();
     let code = TorqueCode::new(&robot, &all(&robot, &[0.3; 200]), &robot.model, &origin());
     assert!(code.largest_difference() < ROUNDING);
-    let source = &code.files(Language::C)[1].text;
+    let source = &code.files(CodeLanguage::C)[1].text;
     assert!(source.contains("cos(q2)") && !source.contains("cos(q1)"), "{source}");
     assert_eq!(code.name, "scara_example");
 }
@@ -75,7 +73,7 @@ fn names_become_identifiers_and_comments_stay_comments() {
     assert_eq!(identifier("7-axis (left)"), "arm_7_axis_left");
     assert_eq!(identifier("--"), "arm");
     let code = TorqueCode::new(&er3a(), &[], "a", &origin());
-    for file in Language::ALL.into_iter().flat_map(|language| code.files(language)) {
+    for file in CodeLanguage::ALL.into_iter().flat_map(|language| code.files(language)) {
         assert!(!file.text.contains("made up */") && !file.text.contains("up */ \"\"\""), "{}", file.text);
     }
 }

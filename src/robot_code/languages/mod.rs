@@ -5,19 +5,19 @@ mod c;
 mod python;
 mod rust;
 
-use super::language::{Language, SourceFile};
+use super::language::{CodeLanguage, SourceFile};
 use super::torque::TorquePrograms;
 
 /// Source and self-check.
 pub(super) fn files(
-    language: Language,
+    language: CodeLanguage,
     name: &str,
     header: &[String],
     programs: &TorquePrograms,
 ) -> Vec<SourceFile> {
     match language {
-        Language::C => c::files(name, header, programs),
-        Language::Rust => rust::files(name, header, programs),
-        Language::Python => python::files(name, header, programs),
+        CodeLanguage::C => c::files(name, header, programs),
+        CodeLanguage::Rust => rust::files(name, header, programs),
+        CodeLanguage::Python => python::files(name, header, programs),
     }
 }

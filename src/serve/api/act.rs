@@ -143,7 +143,7 @@ pub async fn on_anomaly(
         _ => None,
     };
     if let Some(noted) = noted {
-        noted.map_err(|error| Refusal::internal(&error))?.map_err(|reason| not_done(&reason))?;
+        noted.map_err(Refusal::internal)?.map_err(|reason| not_done(&reason))?;
         return anomaly(&shared, id).await;
     }
     let action = match (action.as_str(), until) {
@@ -166,7 +166,7 @@ pub async fn on_anomaly(
         }
     };
     let acted = shared.store.act_on_anomalies(&[id], action, &who, why.as_deref()).await;
-    acted.map_err(|error| Refusal::internal(&error))?.map_err(|reason| not_done(&reason))?;
+    acted.map_err(Refusal::internal)?.map_err(|reason| not_done(&reason))?;
     anomaly(&shared, id).await
 }
 
@@ -205,7 +205,7 @@ pub async fn maintenance(
 ) -> Result<(StatusCode, Json<Entered>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let new = checked_work(&shared, robot, body(work, WORK_EXAMPLE)?).await?;
-    let entered = shared.store.enter_maintenance(&new).await.map_err(|error| Refusal::internal(&error))?;
+    let entered = shared.store.enter_maintenance(&new).await.map_err(Refusal::internal)?;
     let number = entered.map_err(|reason| not_entered(&reason, &new.robot))?;
     Ok((StatusCode::CREATED, Json(Entered::of(number, new))))
 }
@@ -235,14 +235,13 @@ pub async fn edit_maintenance(
 ) -> Result<Json<Entered>, Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let maintenance_id = number(&id, "entry of work", WORK_SOURCE)?;
-    let failed = |error| Refusal::internal(&error);
-    let all = shared.store.maintenance(None).await.map_err(failed)?;
+    let all = shared.store.maintenance(None).await.map_err(Refusal::internal)?;
     let old = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
     let old = old.ok_or_else(|| no_entry(maintenance_id))?;
     let mut work = body(work, WORK_EXAMPLE)?;
     work.at.get_or_insert(old.work.at);
     let new = checked_work(&shared, old.robot, work).await?;
-    let edited = shared.store.edit_maintenance(maintenance_id, &new).await.map_err(failed)?;
+    let edited = shared.store.edit_maintenance(maintenance_id, &new).await.map_err(Refusal::internal)?;
     let edited = edited.ok_or_else(|| no_entry(maintenance_id))?;
     let number = edited.map_err(|reason| not_entered(&reason, &new.robot))?;
     Ok(Json(Entered::of(number, new)))
@@ -275,7 +274,7 @@ async fn checked_work(shared: &Shared, robot: String, work: Work) -> Result<NewM
 
 /// A joint that the robot has; `None` for the whole arm.
 async fn place(shared: &Shared, robot: &str, joint: Option<usize>) -> Result<Option<JointIndex>, Refusal> {
-    let joints = shared.store.known_joints(robot).await.map_err(|error| Refusal::internal(&error))?;
+    let joints = shared.store.known_joints(robot).await.map_err(Refusal::internal)?;
     let joints = joints.ok_or_else(|| no_robot(robot))?;
     let Some(number) = joint else { return Ok(None) };
     match JointIndex::from_number(number).filter(|_| joints == 0 || number <= joints) {
@@ -367,7 +366,7 @@ pub async fn plan_window(
     }
     let joint = place(&shared, &robot, joint).await?;
     let window = NewWindow { robot: robot.clone(), joint, from, until, what, who };
-    let planned = shared.store.plan_window(&window, now).await.map_err(|error| Refusal::internal(&error))?;
+    let planned = shared.store.plan_window(&window, now).await.map_err(Refusal::internal)?;
     let maintenance_window_id = planned.ok_or_else(|| no_robot(&robot))?;
     Ok((StatusCode::CREATED, Json(Planned { maintenance_window_id })))
 }
@@ -395,7 +394,7 @@ pub async fn cancel_window(
     let source = "GET /v1/views/maintenance_windows has the numbers in its column maintenance_window_id";
     let window_id = number(&id, "maintenance window", source)?;
     let cancelled = shared.store.cancel_window(window_id, Timestamp::now()).await;
-    if cancelled.map_err(|error| Refusal::internal(&error))? {
+    if cancelled.map_err(Refusal::internal)? {
         return Ok(StatusCode::NO_CONTENT);
     }
     Err(Refusal::new(StatusCode::NOT_FOUND, format!("there is no maintenance window {window_id}; {source}")))
@@ -423,7 +422,7 @@ pub async fn delete_maintenance(
     shared.access.check_for(Scope::Act, &headers)?;
     let maintenance_id = number(&id, "entry of work", WORK_SOURCE)?;
     let removed = shared.store.remove_maintenance(maintenance_id).await;
-    let Some(MaintenanceRow { robot, work, .. }) = removed.map_err(|error| Refusal::internal(&error))? else {
+    let Some(MaintenanceRow { robot, work, .. }) = removed.map_err(Refusal::internal)? else {
         return Err(no_entry(maintenance_id));
     };
     tracing::info!(maintenance_id, robot, what = work.what, "deleted an entry of work over HTTP");
@@ -461,7 +460,7 @@ pub async fn dismiss(
     if why.is_empty() {
         return Err(bad("why is missing; say why nothing is to be done, such as \"not an export\""));
     }
-    if !shared.store.dismiss(run_id, &who, &why).await.map_err(|error| Refusal::internal(&error))? {
+    if !shared.store.dismiss(run_id, &who, &why).await.map_err(Refusal::internal)? {
         return Err(not_in_quarantine(run_id));
     }
     Ok(Json(Noted { run_id, outcome: "it is dismissed; a retry takes that back" }))
@@ -491,10 +490,10 @@ pub async fn retry(
 ) -> Result<(StatusCode, Json<Noted>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let run_id = number(&run_id, "run", QUARANTINE_SOURCE)?;
-    if !shared.store.ask_retry(run_id).await.map_err(|error| Refusal::internal(&error))? {
+    if !shared.store.ask_retry(run_id).await.map_err(Refusal::internal)? {
         return Err(not_in_quarantine(run_id));
     }
-    shared.store.withdraw_dismissal(run_id).await.map_err(|error| Refusal::internal(&error))?;
+    shared.store.withdraw_dismissal(run_id).await.map_err(Refusal::internal)?;
     Ok((StatusCode::ACCEPTED, Json(Noted { run_id, outcome: "it is read again at the next scan" })))
 }
 

@@ -179,7 +179,7 @@ pub async fn fleet(
     let store = shared.looking().await?;
     // concurrent requests wait for this answer, and share it until the database changes
     let mut kept = kept.0.lock().await;
-    let version = store.data_version().await.map_err(|error| Refusal::internal(&error))?;
+    let version = store.data_version().await.map_err(Refusal::internal)?;
     let mut fleet = match kept.as_ref().filter(|(of, _)| *of == version) {
         Some((_, fleet)) => fleet.clone(),
         None => kept.insert((version, of_store(store).await?)).1.clone(),
@@ -205,7 +205,7 @@ fn full_minute(time: Timestamp) -> Timestamp {
 
 /// The stored fleet, without values of the configuration and the clock.
 async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
-    let counts = async { store.counts().await.map_err(|error| Refusal::internal(&error)) };
+    let counts = async { store.counts().await.map_err(Refusal::internal) };
     let (counts, read, mut anomalies, live) =
         tokio::try_join!(counts, robot_rows(store), anomalies(store), live(store))?;
     // counted before the list is cut, so that all counts use the same rows

@@ -58,7 +58,7 @@ pub async fn payload(
     };
     let found = read.unwrap_or_else(|error| Err(error.into()));
     found.map(Json).map_err(|error| match error {
-        StoredError::Store(_) | StoredError::Task(_) => Refusal::internal(&error),
+        StoredError::Store(_) | StoredError::Task(_) => Refusal::internal(error),
         _ => Refusal::new(StatusCode::NOT_FOUND, error.to_string()),
     })
 }

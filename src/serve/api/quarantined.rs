@@ -73,7 +73,7 @@ pub async fn of_fault(
     let path = found.path;
     let found =
         tokio::task::spawn_blocking(move || excerpt(&path, line, column.as_deref(), LINES_AROUND, most));
-    let found = found.await.map_err(|error| Refusal::internal(&error))?.ok().flatten().ok_or_else(gone)?;
+    let found = found.await.map_err(Refusal::internal)?.ok().flatten().ok_or_else(gone)?;
     let shown = |line: &String| line.chars().take(SHOWN_CHARACTERS).collect::<String>();
     let cell = found.cell.filter(|cell| cell.end <= SHOWN_CHARACTERS);
     Ok(Json(FaultExcerpt {
@@ -122,7 +122,7 @@ pub async fn file(
 }
 
 /// A file with its content.
-struct Found {
+struct QuarantinedFile {
     path: PathBuf,
     bytes: Vec<u8>,
 }
@@ -132,11 +132,11 @@ async fn read(
     shared: &Arc<Shared>,
     run_id: &str,
     headers: &HeaderMap,
-) -> Result<(QuarantineRow, Found), Refusal> {
+) -> Result<(QuarantineRow, QuarantinedFile), Refusal> {
     shared.access.check_for(Scope::Act, headers)?;
     let run_id: i64 = number(run_id, "run", "GET /v1/views/quarantine has the numbers in its column run_id")?;
     let store = shared.looking().await?;
-    let faults = store.faults().await.map_err(|error| Refusal::internal(&error))?;
+    let faults = store.faults().await.map_err(Refusal::internal)?;
     let fault = faults.into_iter().find(|fault| fault.run_id == run_id).ok_or_else(|| {
         let sentence =
             format!("run {run_id} has no fault; GET /v1/views/quarantine lists those that have one");
@@ -147,8 +147,7 @@ async fn read(
                         `armwatch quarantine explain` shows it on the daemon's machine";
         return Err(Refusal::new(StatusCode::NOT_FOUND, sentence));
     }
-    let source =
-        store.run_source(run_id).await.map_err(|error| Refusal::internal(&error))?.ok_or_else(gone)?;
+    let source = store.run_source(run_id).await.map_err(Refusal::internal)?.ok_or_else(gone)?;
     let folders = shared.config.borrow().watch.folders.clone();
     let reading = async move {
         let first_of = move || {
@@ -160,7 +159,7 @@ async fn read(
         let sentence = "other exports are being read again; try again";
         return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, sentence).after(5));
     };
-    let found = found.flatten().map_err(|error| Refusal::internal(&error))?;
+    let found = found.flatten().map_err(Refusal::internal)?;
     Ok((fault, found.ok_or_else(gone)??))
 }
 
@@ -176,7 +175,7 @@ fn read_unchanged(
     path: PathBuf,
     wanted: &ContentHash,
     folders: &[PathBuf],
-) -> Option<Result<Found, Refusal>> {
+) -> Option<Result<QuarantinedFile, Refusal>> {
     let real = std::fs::canonicalize(&path).ok()?;
     let is_below =
         |folder: &PathBuf| std::fs::canonicalize(folder).is_ok_and(|folder| real.starts_with(folder));
@@ -184,7 +183,7 @@ fn read_unchanged(
         return None;
     }
     match content(&real, MOST_BYTES).ok()? {
-        Some((bytes, hash)) => (hash == *wanted).then_some(Ok(Found { path: real, bytes })),
+        Some((bytes, hash)) => (hash == *wanted).then_some(Ok(QuarantinedFile { path: real, bytes })),
         None => {
             let sentence = format!(
                 "the file is larger than {} MiB; copy it from the folder on the daemon's machine",

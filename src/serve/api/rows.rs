@@ -57,7 +57,7 @@ pub struct RowPage {
 )]
 pub async fn views(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Views>, Refusal> {
     shared.access.check(&headers)?;
-    let views = shared.looking().await?.views().await.map_err(|error| Refusal::internal(&error))?;
+    let views = shared.looking().await?.views().await.map_err(Refusal::internal)?;
     Ok(Json(Views { views: views.into_iter().map(|(view, columns)| View { view, columns }).collect() }))
 }
 

@@ -110,10 +110,9 @@ pub async fn sql(
         drop(turn);
         answer
     });
-    let SqlAnswer { table, truncated } =
-        asked.await.map_err(|error| Refusal::internal(&error))?.map_err(refused)?;
+    let SqlAnswer { table, truncated } = asked.await.map_err(Refusal::internal)?.map_err(refused)?;
     if wants_csv(&headers) {
-        let text = csv(&table).map_err(|error| Refusal::internal(&error))?;
+        let text = csv(&table).map_err(Refusal::internal)?;
         let truncated = if truncated { "true" } else { "false" };
         return Ok(
             ([(CONTENT_TYPE, "text/csv; charset=utf-8")], [(TRUNCATED, truncated)], text).into_response()

@@ -6,7 +6,7 @@
 pub(crate) mod kind;
 mod lists;
 mod numbers;
-mod words;
+mod stage_words;
 mod one_hot;
 mod levels;
 mod unrecorded;
@@ -15,8 +15,8 @@ pub use self::kind::{StageCells, StageKind};
 pub use self::levels::StageLevels;
 pub use self::numbers::StageSignal;
 pub use self::one_hot::OneHot;
+pub use self::stage_words::StageWords;
 pub use self::unrecorded::{FromMotion, WholeRecording, Windows};
-pub use self::words::StageWords;
 
 use self::unrecorded::{read_schedule, read_whole, read_windows};
 use super::column_names::ColumnNames;

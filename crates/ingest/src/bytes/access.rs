@@ -88,9 +88,6 @@ pub fn asking<T>(call: impl FnOnce() -> T) -> T {
 }
 
 /// Like [`std::fs::metadata`].
-///
-/// # Errors
-/// Those of the file system.
 pub fn metadata(path: &Path) -> io::Result<Metadata> {
     asking(|| std::fs::metadata(path))
 }

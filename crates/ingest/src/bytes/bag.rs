@@ -1,7 +1,7 @@
 //! MCAP bags as the text of a CSV file, so that the same reader checks the rows of both: one row per message of the
 //! type `sensor_msgs/JointState`.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -41,8 +41,7 @@ pub(super) struct BagText<R> {
     /// Channels of joint states, by number.
     channels: BTreeMap<u16, Topic>,
     columns: Option<Columns>,
-    text: Vec<u8>,
-    given: usize,
+    text: VecDeque<u8>,
     ended: bool,
 }
 
@@ -80,19 +79,13 @@ impl<R: Read> BagText<R> {
             schemas: BTreeSet::new(),
             channels: BTreeMap::new(),
             columns: None,
-            text: Vec::new(),
-            given: 0,
+            text: VecDeque::new(),
             ended: false,
         }
     }
 
     /// Makes the next messages text.
     fn fill(&mut self) -> io::Result<()> {
-        self.text.clear();
-        self.given = 0;
-        if self.ended {
-            return Ok(());
-        }
         while self.text.is_empty() && !self.ended {
             let step = match self.reader.next_event() {
                 None => return self.end(),
@@ -152,11 +145,11 @@ impl<R: Read> BagText<R> {
         if self.columns.is_none() && has[2] && has[0] {
             let names: Vec<String> = state.names.iter().map(|name| (*name).to_owned()).collect();
             let quantities = ["position", "velocity", "effort"];
-            self.text.extend_from_slice(b"time");
+            self.text.extend(b"time");
             for (quantity, _) in quantities.iter().zip(has).filter(|(_, has)| *has) {
                 names.iter().for_each(|name| drop(write!(self.text, ",{}/{quantity}", cell(name))));
             }
-            self.text.push(b'\n');
+            self.text.push_back(b'\n');
             self.columns = Some(Columns { channel, names, has });
         }
         let Some(columns) = self.columns.as_ref().filter(|columns| columns.channel == channel) else {
@@ -177,7 +170,7 @@ impl<R: Read> BagText<R> {
         for (values, _) in state.values.iter().zip(columns.has).filter(|(_, has)| *has) {
             places.iter().for_each(|place| drop(write!(self.text, ",{:?}", values[*place])));
         }
-        self.text.push(b'\n');
+        self.text.push_back(b'\n');
     }
 
     fn end_early(&mut self, error: &str) -> io::Result<()> {
@@ -188,7 +181,7 @@ impl<R: Read> BagText<R> {
         }
         let path = text::of_path(&self.path);
         tracing::warn!(%path, error, "the bag is damaged; its complete messages before the damage are read");
-        self.text.extend_from_slice(LOST);
+        self.text.extend(LOST);
         self.end()
     }
 
@@ -220,12 +213,10 @@ impl<R: Read> BagText<R> {
 
 impl<R: Read> Read for BagText<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.given == self.text.len() {
+        if self.text.is_empty() {
             self.fill()?;
         }
-        let count = (&self.text[self.given..]).read(buffer)?;
-        self.given += count;
-        Ok(count)
+        self.text.read(buffer)
     }
 }
 

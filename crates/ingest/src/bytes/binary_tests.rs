@@ -29,7 +29,7 @@ use armwatch_testing::er3a;
 
 /// How a test file is written.
 #[derive(Clone, Copy)]
-struct Written {
+struct FileForm {
     compression: CompressionOptions,
     encoding: Encoding,
     version: Version,
@@ -37,7 +37,7 @@ struct Written {
     page_bytes: usize,
 }
 
-const USUAL: Written = Written {
+const USUAL: FileForm = FileForm {
     compression: CompressionOptions::Zstd(None),
     encoding: Encoding::Plain,
     version: Version::V1,
@@ -45,7 +45,7 @@ const USUAL: Written = Written {
     page_bytes: 2000,
 };
 
-fn parquet(frame: &DataFrame, how: Written) -> Vec<u8> {
+fn parquet(frame: &DataFrame, how: FileForm) -> Vec<u8> {
     let schema: ArrowSchema = frame.schema().to_arrow(CompatLevel::newest());
     let options = ParquetOptions {
         statistics: StatisticsOptions::default(),
@@ -108,15 +108,15 @@ fn a_parquet_file_gives_the_rows_of_its_text() {
     let frame = frame(&text);
     for how in [
         USUAL,
-        Written { compression: CompressionOptions::Snappy, rows_of_group: 700, ..USUAL },
-        Written { compression: CompressionOptions::Lz4Raw, encoding: Encoding::RleDictionary, ..USUAL },
-        Written {
+        FileForm { compression: CompressionOptions::Snappy, rows_of_group: 700, ..USUAL },
+        FileForm { compression: CompressionOptions::Lz4Raw, encoding: Encoding::RleDictionary, ..USUAL },
+        FileForm {
             compression: CompressionOptions::Uncompressed,
             version: Version::V2,
             page_bytes: 300,
             ..USUAL
         },
-        Written { encoding: Encoding::RleDictionary, rows_of_group: 3000, page_bytes: 1 << 20, ..USUAL },
+        FileForm { encoding: Encoding::RleDictionary, rows_of_group: 3000, page_bytes: 1 << 20, ..USUAL },
     ] {
         let file = file("R01.parquet", &parquet(&frame, how));
         assert_eq!(read(&file.path), Ok(samples.clone()));
@@ -140,7 +140,7 @@ fn values_of_each_type_become_cells() {
         let frame = DataFrame::new(3, columns.clone()).expect("columns");
         // polars writes no dictionary of booleans
         let frame = if encoding == Encoding::Plain { frame } else { frame.drop("b").expect("a column") };
-        let file = file("a.parquet", &parquet(&frame, Written { encoding, ..USUAL }));
+        let file = file("a.parquet", &parquet(&frame, FileForm { encoding, ..USUAL }));
         let [b, t, f] = match encoding {
             Encoding::Plain => [",b", ",1", ",0"],
             _ => [""; 3],
@@ -330,7 +330,7 @@ pub(super) fn mutations(whole: &[u8], mut check: impl FnMut(&[u8])) {
 fn a_thousand_damaged_parquet_files_give_rows_or_an_error() {
     let (_, text) = made_recording(400);
     let whole =
-        parquet(&frame(&text), Written { encoding: Encoding::RleDictionary, rows_of_group: 200, ..USUAL });
+        parquet(&frame(&text), FileForm { encoding: Encoding::RleDictionary, rows_of_group: 200, ..USUAL });
     mutations(&whole, |bytes| {
         let file = file("a.parquet", bytes);
         if let Err(rejection) = read(&file.path) {

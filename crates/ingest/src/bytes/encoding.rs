@@ -64,7 +64,7 @@ pub struct TextReader<R> {
     inner: R,
     declared: TextEncoding,
     found: Found,
-    state: State,
+    state: ReaderState,
     /// Bytes of `inner` that are neither decoded nor returned.
     input: Vec<u8>,
     /// Decoded bytes; those from `given` on are not yet returned.
@@ -74,7 +74,7 @@ pub struct TextReader<R> {
     at_end: bool,
 }
 
-enum State {
+enum ReaderState {
     /// Fewer bytes than needed were seen.
     Undecided,
     /// Unchanged.
@@ -98,7 +98,7 @@ impl<R> TextReader<R> {
             inner,
             declared,
             found: Found::Utf8,
-            state: State::Undecided,
+            state: ReaderState::Undecided,
             input: Vec::new(),
             output: Vec::new(),
             given: 0,
@@ -136,8 +136,8 @@ impl<R: Read> TextReader<R> {
         self.mark_bytes = mark as u64;
         self.input.drain(..mark);
         self.state = match encoding {
-            Told::Raw => State::Raw,
-            Told::EightBit => State::EightBit { several: false },
+            Told::Raw => ReaderState::Raw,
+            Told::EightBit => ReaderState::EightBit { several: false },
             Told::Other(found) => self.decoding(found),
         };
         Ok(())
@@ -170,28 +170,28 @@ impl<R: Read> TextReader<R> {
             };
             if valid > 0 {
                 let count = given_from(&mut self.input, valid, buffer);
-                self.state = State::EightBit { several: several || !buffer[..count].is_ascii() };
+                self.state = ReaderState::EightBit { several: several || !buffer[..count].is_ascii() };
                 return Ok(count);
             }
             if broken || self.at_end {
                 // At the end, half a character: the line is cut there, which is reported.
                 let windows = broken && !several;
-                self.state = if windows { self.decoding(Found::Windows1252) } else { State::Raw };
+                self.state = if windows { self.decoding(Found::Windows1252) } else { ReaderState::Raw };
                 return self.read(buffer);
             }
             self.fill()?;
         }
     }
 
-    fn decoding(&mut self, found: Found) -> State {
+    fn decoding(&mut self, found: Found) -> ReaderState {
         let encoding = match found {
             Found::Utf16Le => UTF_16LE,
             Found::Utf16Be => UTF_16BE,
             Found::Windows1252 => WINDOWS_1252,
-            Found::Utf8 => return State::Raw,
+            Found::Utf8 => return ReaderState::Raw,
         };
         self.found = found;
-        State::Decoding(Box::new(encoding.new_decoder_without_bom_handling()))
+        ReaderState::Decoding(Box::new(encoding.new_decoder_without_bom_handling()))
     }
 
     fn read_decoded(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
@@ -218,7 +218,7 @@ impl<R: Read> TextReader<R> {
     fn decode(&mut self) {
         self.output.clear();
         self.given = 0;
-        let State::Decoding(decoder) = &mut self.state else { return };
+        let ReaderState::Decoding(decoder) = &mut self.state else { return };
         // A unit of UTF-16 becomes three bytes at most, and the decoder may keep one back.
         let most = decoder.max_utf8_buffer_length(self.input.len()).unwrap_or(3 * DECODE_BYTES);
         self.output.resize(most, 0);
@@ -227,7 +227,7 @@ impl<R: Read> TextReader<R> {
         self.input.drain(..read);
         if result == CoderResult::InputEmpty && self.at_end {
             // A decoder that has reached the end must not be called again.
-            self.state = State::Raw;
+            self.state = ReaderState::Raw;
         }
     }
 }
@@ -237,20 +237,20 @@ impl<R: Read> Read for TextReader<R> {
         if buffer.is_empty() {
             return Ok(0);
         }
-        if matches!(self.state, State::Undecided) {
+        if matches!(self.state, ReaderState::Undecided) {
             self.decide()?;
         }
         match self.state {
-            State::Undecided => Ok(0),
-            State::Raw if self.given < self.output.len() => self.read_decoded(buffer),
-            State::Raw if !self.input.is_empty() => {
+            ReaderState::Undecided => Ok(0),
+            ReaderState::Raw if self.given < self.output.len() => self.read_decoded(buffer),
+            ReaderState::Raw if !self.input.is_empty() => {
                 let all = self.input.len();
                 Ok(given_from(&mut self.input, all, buffer))
             }
-            State::Raw if self.at_end => Ok(0),
-            State::Raw => self.inner.read(buffer),
-            State::EightBit { several } => self.read_eight_bit(buffer, several),
-            State::Decoding(..) => self.read_decoded(buffer),
+            ReaderState::Raw if self.at_end => Ok(0),
+            ReaderState::Raw => self.inner.read(buffer),
+            ReaderState::EightBit { several } => self.read_eight_bit(buffer, several),
+            ReaderState::Decoding(..) => self.read_decoded(buffer),
         }
     }
 }
@@ -368,9 +368,9 @@ mod tests {
     }
 
     /// Returns pieces of these lengths, with a pause before each, like a growing file.
-    struct Growing<'a>(&'a [u8], Vec<usize>, bool);
+    struct GrowingBytes<'a>(&'a [u8], Vec<usize>, bool);
 
-    impl Read for Growing<'_> {
+    impl Read for GrowingBytes<'_> {
         fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
             self.2 = !self.2;
             if self.2 {
@@ -489,7 +489,7 @@ mod tests {
             };
             let bytes = &bytes[..bytes.len().saturating_sub(cut)];
             let whole = read(bytes, TextEncoding::Auto, 1 << 12);
-            prop_assert_eq!(read(Growing(bytes, pieces, false), TextEncoding::Auto, buffer), whole);
+            prop_assert_eq!(read(GrowingBytes(bytes, pieces, false), TextEncoding::Auto, buffer), whole);
         }
     }
 }

@@ -38,9 +38,6 @@ fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
 }
 
 /// The bytes of a file and their identity; `None` if there are more than `most`.
-///
-/// # Errors
-/// Those of the file system.
 pub fn content(path: &Path, most: u64) -> io::Result<Option<(Vec<u8>, ContentHash)>> {
     let mut bytes = Vec::new();
     let file = GuardedFile(regular_file(path)?);

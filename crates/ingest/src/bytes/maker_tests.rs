@@ -33,17 +33,17 @@ fn table(text: &str) -> (Vec<&str>, Vec<Vec<&str>>) {
 
 /// How a trace is written.
 #[derive(Clone, Copy)]
-struct Written {
+struct TraceForm {
     block: bool,
     big_endian: bool,
     words: [&'static str; 4],
 }
 
-const USUAL: Written =
-    Written { block: true, big_endian: false, words: ["IMPLIZIT", "EXPLIZIT", "BLOCK", "KANAL"] };
+const USUAL: TraceForm =
+    TraceForm { block: true, big_endian: false, words: ["IMPLIZIT", "EXPLIZIT", "BLOCK", "KANAL"] };
 
 /// Writes the columns of a CSV text as `stem.dat` and `stem.r64`; the first column is the time at 500 Hz.
-fn write_trace(stem: &Path, text: &str, how: Written) {
+fn write_trace(stem: &Path, text: &str, how: TraceForm) {
     let (names, rows) = table(text);
     let [implicit, explicit, block, channel] = how.words;
     let order = if how.big_endian { "Low -> High" } else { "High -> Low" };
@@ -101,9 +101,9 @@ fn layout(time: &str, to_si: f64) -> Layout {
     Layout { time: TimeSource::Column(time), ..native() }
 }
 
-struct Folder(tempfile::TempDir);
+struct TraceFolder(tempfile::TempDir);
 
-impl Folder {
+impl TraceFolder {
     fn new() -> Self {
         Self(tempfile::tempdir().expect("a folder"))
     }
@@ -145,11 +145,11 @@ fn a_trace_gives_the_rows_of_its_text() {
     let english = ["IMPLICIT", "EXPLICIT", "BLOCK", "CHANNEL"];
     for how in [
         USUAL,
-        Written { block: false, ..USUAL },
-        Written { big_endian: true, words: english, ..USUAL },
-        Written { block: false, words: english, ..USUAL },
+        TraceForm { block: false, ..USUAL },
+        TraceForm { big_endian: true, words: english, ..USUAL },
+        TraceForm { block: false, words: english, ..USUAL },
     ] {
-        let folder = Folder::new();
+        let folder = TraceFolder::new();
         write_trace(&folder.path("R01_20260105_0847"), &text, how);
         let path = folder.path("R01_20260105_0847.dat");
         assert_same(&path, &layout("time", 1.0), &samples);
@@ -161,7 +161,7 @@ fn a_trace_gives_the_rows_of_its_text() {
 fn the_pairs_of_files_of_the_drives_are_one_trace() {
     let (_, text) = made_recording(300);
     let (names, rows) = table(&text);
-    let folder = Folder::new();
+    let folder = TraceFolder::new();
     let channels = ["pos", "trq"];
     for drive in 1..=3 {
         let columns: Vec<usize> = channels
@@ -203,7 +203,7 @@ fn the_pairs_of_files_of_the_drives_are_one_trace() {
 fn a_trace_whose_files_do_not_fit_says_so() {
     let (_, text) = made_recording(50);
     let written = |how: fn(&mut String, &mut Vec<u8>)| {
-        let folder = Folder::new();
+        let folder = TraceFolder::new();
         write_trace(&folder.path("R01"), &text, USUAL);
         let [header, values] = ["R01.dat", "R01.r64"].map(|name| folder.path(name));
         let mut text = std::fs::read_to_string(&header).expect("a header");
@@ -255,7 +255,7 @@ fn a_trace_whose_files_do_not_fit_says_so() {
 fn a_scope_export_gives_the_rows_of_its_text() {
     let (samples, text) = made_recording(2500);
     for sign in ["\t", ";", ","] {
-        let folder = Folder::new();
+        let folder = TraceFolder::new();
         let path = folder.path("R01_20260105_0847.csv");
         std::fs::write(&path, scope(&text, sign)).expect("written");
         assert_same(&path, &layout("scope_time_ms", 1e-3), &samples);
@@ -275,7 +275,7 @@ fn slower_and_later_channels_of_a_scope_export_hold_their_last_value() {
         writeln!(text, "{fast}\t{fast}\t{slow}\t{late}\t{late}").expect("a string");
     }
     text += "EOF\n";
-    let folder = Folder::new();
+    let folder = TraceFolder::new();
     let path = folder.path("a.csv");
     std::fs::write(&path, &text).expect("written");
     let rows = (2..20).map(|row| format!("{},{},{},{}", 2 * row, 2 * row, 2 * row / 10 * 10, 2 * row));
@@ -300,7 +300,7 @@ fn slower_and_later_channels_of_a_scope_export_hold_their_last_value() {
 #[test]
 fn a_thousand_damaged_traces_give_rows_or_an_error() {
     let (_, text) = made_recording(60);
-    let folder = Folder::new();
+    let folder = TraceFolder::new();
     write_trace(&folder.path("R01"), &text, USUAL);
     let [header, values] = ["R01.dat", "R01.r64"].map(|name| folder.path(name));
     let [whole, bytes] = [&header, &values].map(|path| std::fs::read(path).expect("a file"));
@@ -327,7 +327,7 @@ fn a_thousand_damaged_traces_give_rows_or_an_error() {
 #[test]
 fn a_thousand_damaged_scope_exports_give_rows_or_an_error() {
     let (_, text) = made_recording(60);
-    let folder = Folder::new();
+    let folder = TraceFolder::new();
     let path = folder.path("R01.csv");
     mutations(scope(&text, "\t").as_bytes(), |damaged| {
         std::fs::write(&path, damaged).expect("written");

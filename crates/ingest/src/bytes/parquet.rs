@@ -74,8 +74,7 @@ pub(super) struct ParquetText {
     /// Rows that the current group still has.
     rows_left: usize,
     chunks: Vec<ColumnChunk>,
-    text: Vec<u8>,
-    given: usize,
+    text: VecDeque<u8>,
 }
 
 /// Conversion of a column's values to cells.
@@ -110,31 +109,20 @@ impl ParquetText {
         let names = columns.iter().map(|column| {
             column.path_in_schema.iter().map(|part| part.as_str()).collect::<Vec<&str>>().join(".")
         });
-        let mut text = Vec::new();
+        let mut text = VecDeque::new();
         for (at, name) in names.enumerate() {
             separate(&mut text, at);
             write_text(&mut text, &name);
         }
-        text.push(b'\n');
+        text.push_back(b'\n');
         let columns = columns.iter().map(CellForm::of).collect();
-        let text = Self {
-            file,
-            metadata,
-            state,
-            columns,
-            next_group: 0,
-            rows_left: 0,
-            chunks: Vec::new(),
-            text,
-            given: 0,
-        };
+        let text =
+            Self { file, metadata, state, columns, next_group: 0, rows_left: 0, chunks: Vec::new(), text };
         Ok((text, hash))
     }
 
     /// Converts the next rows to text; `false` at the end.
     fn fill(&mut self) -> io::Result<bool> {
-        self.text.clear();
-        self.given = 0;
         while self.rows_left == 0 {
             let Some(group) = self.metadata.row_groups.get(self.next_group) else {
                 return self.refuse_change().map(|()| false);
@@ -159,7 +147,7 @@ impl ParquetText {
                 separate(&mut self.text, at);
                 chunk.write(row, &mut self.text);
             }
-            self.text.push(b'\n');
+            self.text.push_back(b'\n');
         }
         self.chunks.iter_mut().for_each(|chunk| chunk.pass(rows));
         self.rows_left -= rows;
@@ -177,14 +165,8 @@ impl ParquetText {
 
 impl Read for ParquetText {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        while self.given == self.text.len() {
-            if !self.fill()? {
-                return Ok(0);
-            }
-        }
-        let count = (&self.text[self.given..]).read(buffer)?;
-        self.given += count;
-        Ok(count)
+        while self.text.is_empty() && self.fill()? {}
+        self.text.read(buffer)
     }
 }
 
@@ -365,10 +347,10 @@ impl ColumnChunk {
     }
 
     /// Writes the value `row` rows further on; writes nothing for a missing one.
-    fn write(&self, row: usize, text: &mut Vec<u8>) {
+    fn write(&self, row: usize, text: &mut VecDeque<u8>) {
         let row = self.passed + row;
         let Some(array) = self.arrays.front() else {
-            text.extend_from_slice(NOT_READ.as_bytes());
+            text.extend(NOT_READ.as_bytes());
             return;
         };
         let array = &**array;
@@ -420,18 +402,18 @@ fn moment(value: i64, per_second: i128) -> Option<Timestamp> {
     Timestamp::from_nanosecond(i128::from(value) * (1_000_000_000 / per_second)).ok()
 }
 
-fn separate(text: &mut Vec<u8>, column: usize) {
+fn separate(text: &mut VecDeque<u8>, column: usize) {
     if column > 0 {
-        text.push(b',');
+        text.push_back(b',');
     }
 }
 
 /// A name or word, in quotes if CSV requires them. It stays in its line.
-fn write_text(text: &mut Vec<u8>, cell: &str) {
+fn write_text(text: &mut VecDeque<u8>, cell: &str) {
     let cell = cell.replace(['\n', '\r', '\0'], " ");
     match cell.contains([',', '"']) {
-        true => text.extend_from_slice(format!("\"{}\"", cell.replace('"', "\"\"")).as_bytes()),
-        false => text.extend_from_slice(cell.as_bytes()),
+        true => text.extend(format!("\"{}\"", cell.replace('"', "\"\"")).as_bytes()),
+        false => text.extend(cell.as_bytes()),
     }
 }
 

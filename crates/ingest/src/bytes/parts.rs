@@ -15,7 +15,7 @@ const MOST_PARTS: u64 = 10_000;
 
 /// The files of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Parts {
+pub struct RecordingParts {
     folder: PathBuf,
     before: String,
     after: String,
@@ -42,7 +42,7 @@ pub struct FileState {
     pub file: FileId,
 }
 
-impl Parts {
+impl RecordingParts {
     /// The parts that a path names; `None` for a path of one file.
     #[must_use]
     pub fn of(path: &Path) -> Option<Self> {
@@ -160,7 +160,7 @@ fn padded(number: u64, width: usize) -> String {
 /// The files at `path`, in their order: itself, or the parts that it names.
 #[must_use]
 pub fn files(path: &Path) -> Vec<PathBuf> {
-    Parts::of(path).map_or_else(
+    RecordingParts::of(path).map_or_else(
         || vec![path.to_owned()],
         |parts| parts.files().into_iter().map(|(_, file)| file).collect(),
     )
@@ -169,7 +169,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
 /// The file whose name identifies the recording at `path`.
 #[must_use]
 pub fn named_by(path: &Path) -> PathBuf {
-    Parts::of(path).map_or_else(|| path.to_owned(), |parts| parts.first())
+    RecordingParts::of(path).map_or_else(|| path.to_owned(), |parts| parts.first())
 }
 
 /// The state of the recording at `path`.
@@ -221,36 +221,41 @@ mod tests {
         {
             std::fs::write(path(name), name).unwrap();
         }
-        let names = |parts: &Parts| -> Vec<String> {
+        let names = |parts: &RecordingParts| -> Vec<String> {
             let files = parts.files().into_iter();
             files.map(|(_, file)| file.file_name().unwrap().to_string_lossy().into_owned()).collect()
         };
-        let a = Parts::containing(&path("a_11.csv"), &part("a_", "11", &[]), |path| path.exists()).unwrap();
+        let a = RecordingParts::containing(&path("a_11.csv"), &part("a_", "11", &[]), |path| path.exists())
+            .unwrap();
         assert_eq!(
             (a.path(), names(&a)),
             (path("a_{9+}.csv"), vec!["a_9.csv".into(), "a_10.csv".into(), "a_11.csv".into()])
         );
         assert_eq!(a.missing(), Some(path("a_8.csv")));
-        let b = Parts::containing(&path("b_09.csv"), &part("b_", "09", &[]), |path| path.exists()).unwrap();
+        let b = RecordingParts::containing(&path("b_09.csv"), &part("b_", "09", &[]), |path| path.exists())
+            .unwrap();
         assert_eq!((b.path(), names(&b).len()), (path("b_{08+}.csv"), 3));
         assert_eq!(
-            Parts::containing(&path("b_10.csv"), &part("b_", "10", &[]), |path| path.exists()),
+            RecordingParts::containing(&path("b_10.csv"), &part("b_", "10", &[]), |path| path.exists()),
             Some(b.clone())
         );
         let late =
-            Parts::containing(&path("a_13.csv"), &part("a_", "13", &[]), |path| path.exists()).unwrap();
+            RecordingParts::containing(&path("a_13.csv"), &part("a_", "13", &[]), |path| path.exists())
+                .unwrap();
         assert_eq!(late.missing(), Some(path("a_12.csv")));
-        let c = Parts::containing(&path("c_q.csv"), &part("c_", "q", &["q", "tau"]), |path| path.exists())
-            .unwrap();
+        let c = RecordingParts::containing(&path("c_q.csv"), &part("c_", "q", &["q", "tau"]), |path| {
+            path.exists()
+        })
+        .unwrap();
         assert_eq!((c.path(), c.missing()), (path("c_{q|tau}.csv"), Some(path("c_tau.csv"))));
         // a number that is not in the layout
         let unexplained = PartName { is_told: false, ..part("a_", "11", &[]) };
-        assert_eq!(Parts::containing(&path("a_11.csv"), &unexplained, |path| path.exists()), None);
+        assert_eq!(RecordingParts::containing(&path("a_11.csv"), &unexplained, |path| path.exists()), None);
         for parts in [a, b, c] {
-            assert_eq!(Parts::of(&parts.path()), Some(parts));
+            assert_eq!(RecordingParts::of(&parts.path()), Some(parts));
         }
         for name in ["a.csv", "a_{x}.csv", "a_{1.csv"] {
-            assert_eq!(Parts::of(&path(name)), None, "{name}");
+            assert_eq!(RecordingParts::of(&path(name)), None, "{name}");
         }
     }
 }

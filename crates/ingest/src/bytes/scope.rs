@@ -73,7 +73,7 @@ impl Read for Failed {
 }
 
 /// Channels with a column of times.
-struct Group {
+struct ChannelGroup {
     /// Column of the times.
     time: usize,
     /// Number of channels after it.
@@ -98,7 +98,7 @@ struct Sample {
 struct ScopeText<R> {
     file: BufReader<R>,
     sign: char,
-    groups: Vec<Group>,
+    groups: Vec<ChannelGroup>,
     /// The group whose times the rows have.
     base: usize,
     /// Number of the line that was read last.
@@ -106,8 +106,7 @@ struct ScopeText<R> {
     waiting_bytes: usize,
     is_begun: bool,
     ended: bool,
-    text: Vec<u8>,
-    given: usize,
+    text: VecDeque<u8>,
 }
 
 impl<R: Read> ScopeText<R> {
@@ -121,8 +120,7 @@ impl<R: Read> ScopeText<R> {
             waiting_bytes: 0,
             is_begun: false,
             ended: false,
-            text: Vec::new(),
-            given: 0,
+            text: VecDeque::new(),
         }
     }
 
@@ -175,10 +173,10 @@ impl<R: Read> ScopeText<R> {
                 Some(_) => return Err(self.fault("should be a row of numbers")),
             }
         };
-        self.text.extend_from_slice(TIME.as_bytes());
+        self.text.extend(TIME.as_bytes());
         for (at, name) in names.iter().enumerate() {
             if *name == NAME {
-                self.groups.push(Group {
+                self.groups.push(ChannelGroup {
                     time: at,
                     channels: 0,
                     step: f64::INFINITY,
@@ -193,7 +191,7 @@ impl<R: Read> ScopeText<R> {
                 let _ = write!(self.text, ",{}", cell(&format!("{name}{unit}")));
             }
         }
-        self.text.push(b'\n');
+        self.text.push_back(b'\n');
         self.groups.retain(|group| group.channels > 0);
         if self.groups.is_empty() {
             return Err(unreadable("a TwinCAT Scope export without a channel".to_owned(), REMEDY));
@@ -278,7 +276,7 @@ impl<R: Read> ScopeText<R> {
 
     /// Gives the rows for whose time every channel was read.
     fn give(&mut self) {
-        let close = |group: &Group| if group.step.is_finite() { EQUAL * group.step } else { 0.0 };
+        let close = |group: &ChannelGroup| if group.step.is_finite() { EQUAL * group.step } else { 0.0 };
         while let Some(row) = self.groups[self.base].waiting.front() {
             let time = row.time;
             if self.groups.iter().any(|group| !group.ended && group.latest + close(group) < time) {
@@ -292,7 +290,7 @@ impl<R: Read> ScopeText<R> {
                     group.held = Some(sample);
                 }
             }
-            let holds = |group: &Group| {
+            let holds = |group: &ChannelGroup| {
                 group
                     .held
                     .as_ref()
@@ -301,10 +299,10 @@ impl<R: Read> ScopeText<R> {
             };
             // before the first value of a channel, and after its last, there is no whole row
             if self.groups.iter().all(holds) {
-                self.text.extend_from_slice(text.as_bytes());
+                self.text.extend(text.as_bytes());
                 let cells = self.groups.iter().filter_map(|group| group.held.as_ref());
-                cells.for_each(|held| self.text.extend_from_slice(held.cells.as_bytes()));
-                self.text.push(b'\n');
+                cells.for_each(|held| self.text.extend(held.cells.as_bytes()));
+                self.text.push_back(b'\n');
             }
         }
         // after the last row, the others return nothing
@@ -315,8 +313,6 @@ impl<R: Read> ScopeText<R> {
     }
 
     fn fill(&mut self) -> io::Result<()> {
-        self.text.clear();
-        self.given = 0;
         if !self.is_begun {
             self.begin()?;
         }
@@ -342,11 +338,9 @@ fn unit(cell: &str) -> String {
 
 impl<R: Read> Read for ScopeText<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.given == self.text.len() {
+        if self.text.is_empty() {
             self.fill()?;
         }
-        let count = (&self.text[self.given..]).read(buffer)?;
-        self.given += count;
-        Ok(count)
+        self.text.read(buffer)
     }
 }

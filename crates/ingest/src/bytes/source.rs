@@ -253,16 +253,16 @@ mod tests {
         zstd::encode_all(bytes, 3).unwrap()
     }
 
-    struct Case {
+    struct FormatCase {
         _folder: tempfile::TempDir,
         path: PathBuf,
     }
 
-    fn case(name: &str, bytes: &[u8]) -> Case {
+    fn case(name: &str, bytes: &[u8]) -> FormatCase {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
-        Case { _folder: folder, path }
+        FormatCase { _folder: folder, path }
     }
 
     fn read(path: &Path) -> Result<Vec<u8>, Rejection> {

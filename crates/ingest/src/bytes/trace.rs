@@ -5,6 +5,7 @@
 //! names. The first header represents the whole trace.
 
 use std::borrow::Cow;
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::unix::fs::FileExt;
@@ -89,17 +90,16 @@ fn data_of(header: &Path) -> PathBuf {
 
 /// The rows of a trace as CSV.
 pub(super) struct TraceText {
-    channels: Vec<Channel>,
+    channels: Vec<TraceChannel>,
     rows: u64,
     /// Number of the next row.
     next: u64,
     bytes: Vec<u8>,
-    text: Vec<u8>,
-    given: usize,
+    text: VecDeque<u8>,
 }
 
 /// A channel: `offset + factor x`, where `x` is the number of the row or the value in a file.
-struct Channel {
+struct TraceChannel {
     offset: f64,
     factor: f64,
     values: Option<Values>,
@@ -136,7 +136,7 @@ impl TraceText {
         while hashed.read(&mut buffer).map_err(failed(path))? > 0 {}
         let stem = header_stem(path).unwrap_or_default();
         let drives = if drive_of(&stem) == Some(1) { MOST_DRIVES } else { 1 };
-        let (mut names, mut channels) = (Vec::new(), Vec::<Channel>::new());
+        let (mut names, mut channels) = (Vec::new(), Vec::<TraceChannel>::new());
         let mut clock: Option<(String, f64, f64)> = None;
         for drive in 1..=drives {
             let header = match drive {
@@ -173,18 +173,16 @@ impl TraceText {
                     Some(_) => of.shown(drive_of(&stem).map(|_| drive)),
                 };
                 names.push(name);
-                channels.push(Channel { offset, factor, values, ready: Vec::new() });
+                channels.push(TraceChannel { offset, factor, values, ready: Vec::new() });
             }
         }
         let rows = channels.iter().filter_map(|of| of.values.as_ref()).map(|of| of.count).max().unwrap_or(0);
         let text = (names.join(",") + "\n").into_bytes();
-        Ok((Self { channels, rows, next: 0, bytes: Vec::new(), text, given: 0 }, hash))
+        Ok((Self { channels, rows, next: 0, bytes: Vec::new(), text: text.into() }, hash))
     }
 
-    /// Converts the next rows to text; `false` at the end.
-    fn fill(&mut self) -> io::Result<bool> {
-        self.text.clear();
-        self.given = 0;
+    /// Converts the next rows to text.
+    fn fill(&mut self) -> io::Result<()> {
         let rows = (self.rows - self.next).min(ROWS_AT_ONCE as u64);
         for channel in &mut self.channels {
             channel.ready(self.next, rows, &mut self.bytes)?;
@@ -192,32 +190,30 @@ impl TraceText {
         for row in 0..rows as usize {
             for (at, channel) in self.channels.iter().enumerate() {
                 if at > 0 {
-                    self.text.push(b',');
+                    self.text.push_back(b',');
                 }
                 // a shorter channel has empty cells at its end; writing to memory does not fail
                 if let Some(value) = channel.ready.get(row) {
                     let _ = write!(self.text, "{value:?}");
                 }
             }
-            self.text.push(b'\n');
+            self.text.push_back(b'\n');
         }
         self.next += rows;
-        Ok(rows > 0)
+        Ok(())
     }
 }
 
 impl Read for TraceText {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.given == self.text.len() && !self.fill()? {
-            return Ok(0);
+        if self.text.is_empty() {
+            self.fill()?;
         }
-        let count = (&self.text[self.given..]).read(buffer)?;
-        self.given += count;
-        Ok(count)
+        self.text.read(buffer)
     }
 }
 
-impl Channel {
+impl TraceChannel {
     /// Reads the values of `rows` rows from row `first` on.
     fn ready(&mut self, first: u64, rows: u64, bytes: &mut Vec<u8>) -> io::Result<()> {
         self.ready.clear();

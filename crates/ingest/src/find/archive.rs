@@ -161,9 +161,9 @@ mod tests {
 
     const NAME: &str = "R00_20260105_0847.csv.gz";
 
-    struct Folders(tempfile::TempDir);
+    struct ArchiveFolders(tempfile::TempDir);
 
-    impl Folders {
+    impl ArchiveFolders {
         fn new() -> Self {
             let folders = Self(tempfile::tempdir().unwrap());
             fs::create_dir_all(folders.path("inbox")).unwrap();
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_source_is_moved_with_its_time_and_its_mark_goes() {
-        let folders = Folders::new();
+        let folders = ArchiveFolders::new();
         let source = folders.source(b"one");
         let modified = fs::metadata(&source).unwrap().modified().unwrap();
         fs::write(folders.path(&format!("inbox/{NAME}.done")), "").unwrap();
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn cut_short_anywhere_it_is_begun_again() {
-        let folders = Folders::new();
+        let folders = ArchiveFolders::new();
         // during the copy
         fs::create_dir_all(folders.path("archive/.partial")).unwrap();
         let half = folders.path("archive/.partial").join(of_bytes(b"one").to_string());
@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn another_content_of_the_name_is_left_alone() {
-        let folders = Folders::new();
+        let folders = ArchiveFolders::new();
         folders.archive(&folders.source(b"one"), b"one").unwrap();
         let Archived::At(second) = folders.archive(&folders.source(b"two"), b"two").unwrap() else {
             panic!("it was not moved")
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_source_that_is_not_what_was_stored_stays() {
-        let folders = Folders::new();
+        let folders = ArchiveFolders::new();
         let source = folders.source(b"one and more");
         assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::Changed);
         assert_eq!(fs::read(&source).unwrap(), b"one and more");
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn other_file_systems_and_folders_that_cannot_be_written_are_no_danger() {
-        let folders = Folders::new();
+        let folders = ArchiveFolders::new();
         let source = folders.source(b"one");
         fs::write(folders.path("archive"), "a file").unwrap();
         assert!(folders.archive(&source, b"one").is_err());

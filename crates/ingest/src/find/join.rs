@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::watch::FoundFile;
 use crate::bytes::access::metadata;
-use crate::bytes::parts::Parts;
+use crate::bytes::parts::RecordingParts;
 use armwatch_config::PartName;
 use armwatch_model::text;
 
@@ -21,11 +21,11 @@ pub fn join_parts(files: Vec<FoundFile>, part_of: impl Fn(&str) -> Option<PartNa
         return files;
     }
     let there: HashSet<PathBuf> = files.iter().map(|file| file.path.clone()).collect();
-    let mut recordings: BTreeMap<PathBuf, (Parts, Vec<FoundFile>, PartName)> = BTreeMap::new();
+    let mut recordings: BTreeMap<PathBuf, (RecordingParts, Vec<FoundFile>, PartName)> = BTreeMap::new();
     let mut joined = Vec::new();
     for (file, part) in files.into_iter().zip(named) {
         let parts = part.and_then(|part| {
-            Some((Parts::containing(&file.path, &part, |path| there.contains(path))?, part))
+            Some((RecordingParts::containing(&file.path, &part, |path| there.contains(path))?, part))
         });
         match parts {
             None => joined.push(file),
@@ -63,7 +63,7 @@ pub fn join_paths(paths: Vec<PathBuf>, part_of: impl Fn(&str) -> Option<PartName
     let mut seen = HashSet::new();
     let whole = |path: PathBuf| {
         let part = part_of(&text::of_file_name(&path));
-        let parts = part.and_then(|part| Parts::containing(&path, &part, is_there));
+        let parts = part.and_then(|part| RecordingParts::containing(&path, &part, is_there));
         match parts.filter(|parts| parts.missing_among(is_there).is_some() || parts.files().len() > 1) {
             // once, although each part represents it
             Some(parts) => Some(parts.path()).filter(|whole| seen.insert(whole.clone())),

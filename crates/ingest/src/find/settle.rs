@@ -71,12 +71,12 @@ mod tests {
     const SETTLE: Duration = Duration::from_secs(5);
 
     /// Observations of a file at seconds from a common start.
-    struct Scene {
+    struct FileScene {
         start: Instant,
         written: SystemTime,
     }
 
-    impl Scene {
+    impl FileScene {
         fn seen(&self, at_s: u64, size: u64, modified_s: u64) -> Observation {
             Observation {
                 size,
@@ -86,8 +86,8 @@ mod tests {
         }
     }
 
-    fn scene() -> Scene {
-        Scene { start: Instant::now(), written: SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000) }
+    fn scene() -> FileScene {
+        FileScene { start: Instant::now(), written: SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000) }
     }
 
     #[test]

@@ -102,27 +102,18 @@ impl Growth {
     }
 
     /// Number of the file, its size in bytes and the time of its last change, see [`changed_at`].
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn state(&self) -> io::Result<(FileId, u64, SystemTime)> {
         let metadata = asking(|| self.file.metadata())?;
         Ok((id_of(&metadata), metadata.len(), changed_at(&metadata)))
     }
 
     /// When the file was last written.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn written_at(&self) -> io::Result<SystemTime> {
         asking(|| self.file.metadata())?.modified()
     }
 
     /// Checks if the file is complete; must be called when all of it was read. The file is complete once it has not
     /// changed for `settle` over at least two looks, or has the mark.
-    ///
-    /// # Errors
-    /// Those of the file system.
     pub fn look(&mut self, settle: Duration, now: Instant) -> io::Result<Fate> {
         // read before the size: a writer creates it after the last row
         let marked = is_marked(&self.path);

@@ -411,9 +411,9 @@ mod tests {
     /// Longest wait of a test for an expected event; inotify takes milliseconds.
     const DEADLINE: Duration = Duration::from_secs(20);
 
-    struct Tree(tempfile::TempDir);
+    struct WatchedTree(tempfile::TempDir);
 
-    impl Tree {
+    impl WatchedTree {
         fn new(files: &[&str]) -> Self {
             let tree = Self(tempfile::tempdir().unwrap());
             files.iter().for_each(|name| tree.write(name));
@@ -439,7 +439,7 @@ mod tests {
 
     #[test]
     fn finds_exports_by_name_then_path_and_nothing_else() {
-        let tree = Tree::new(&[
+        let tree = WatchedTree::new(&[
             "b/R02.csv",
             "a/R02.csv",
             "z/R01.csv.gz",
@@ -458,7 +458,7 @@ mod tests {
 
     #[test]
     fn overlapping_folders_give_a_file_once_and_a_named_file_is_taken() {
-        let tree = Tree::new(&["a/b/R01.csv", "a/notes.txt"]);
+        let tree = WatchedTree::new(&["a/b/R01.csv", "a/notes.txt"]);
         assert_eq!(tree.found(&["a", "a/b", "a", "a/../a"]), ["a/b/R01.csv"]);
         assert_eq!(tree.found(&["a/notes.txt", "a/notes.txt"]), ["a/notes.txt"]);
     }
@@ -467,7 +467,8 @@ mod tests {
     #[test]
     fn links_inside_count_and_links_that_lead_out_are_left_out_with_their_reason() {
         use std::os::unix::fs::symlink;
-        let tree = Tree::new(&["a/R01.csv", "a/sub/plain", "secret/token", "secret/R09.csv", "ab/R08.csv"]);
+        let tree =
+            WatchedTree::new(&["a/R01.csv", "a/sub/plain", "secret/token", "secret/R09.csv", "ab/R08.csv"]);
         let link = |target: &str, name: &str| symlink(tree.path(target), tree.path(name)).unwrap();
         link("a", "a/loop");
         link("a/sub/plain", "a/R02.csv");
@@ -516,7 +517,7 @@ mod tests {
     #[test]
     fn what_lies_too_deep_is_named_once() {
         let deep = |depth: usize| format!("a{}/R01.csv", "/d".repeat(depth));
-        let tree = Tree::new(&[&deep(MAX_DEPTH), &deep(MAX_DEPTH + 1)]);
+        let tree = WatchedTree::new(&[&deep(MAX_DEPTH), &deep(MAX_DEPTH + 1)]);
         let scan = scan(&[tree.path("a")], false);
         assert_eq!((scan.files.len(), scan.skipped.len()), (1, 1));
         let mut complaints = Complaints::default();
@@ -527,7 +528,7 @@ mod tests {
 
     #[test]
     fn a_mark_beside_a_file_is_seen() {
-        let tree = Tree::new(&["a/R01.csv", "a/R02.csv"]);
+        let tree = WatchedTree::new(&["a/R01.csv", "a/R02.csv"]);
         tree.write("a/R02.csv.done");
         let files = scan(&[tree.path("a")], false).files;
         assert_eq!(files.iter().map(|file| file.is_marked).collect::<Vec<_>>(), [false, true]);
@@ -535,7 +536,7 @@ mod tests {
 
     #[test]
     fn a_missing_folder_is_complained_of_once_until_it_recovers() {
-        let tree = Tree::new(&["a/R01.csv"]);
+        let tree = WatchedTree::new(&["a/R01.csv"]);
         let folders = [tree.path("a"), tree.path("b")];
         let mut complaints = Complaints::default();
         let first = scan(&folders, false);
@@ -551,7 +552,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_new_file_gives_a_hint_also_in_a_new_subfolder() {
-        let tree = Tree::new(&["a/R01.csv"]);
+        let tree = WatchedTree::new(&["a/R01.csv"]);
         let (sender, mut hints) = hints();
         let watch = watch_folders(&[tree.path("a")], sender);
         assert_eq!(watch.watched_count(), 1);
@@ -563,7 +564,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_missing_folder_is_watched_once_it_is_there_and_not_created() {
-        let tree = Tree::new(&[]);
+        let tree = WatchedTree::new(&[]);
         let folder = tree.path("later");
         let (sender, mut hints) = hints();
         let mut watch = watch_folders(std::slice::from_ref(&folder), sender);

@@ -1,6 +1,6 @@
 //! Several arms in one export, distinguished by a word in the names of their columns.
 
-use super::names::{self, Kind};
+use super::names::{self, ColumnKind};
 use super::sets::Set;
 
 /// Words for sides; those of an export come from one row.
@@ -21,7 +21,7 @@ pub(super) type Arm = Vec<String>;
 
 /// The arms of an export, if several have measured positions and torques; empty for an export of one arm.
 pub(super) fn arms(sets: &[Set]) -> Vec<Arm> {
-    let of = |kinds: &[Kind]| -> Vec<Arm> {
+    let of = |kinds: &[ColumnKind]| -> Vec<Arm> {
         let mut found: Vec<Arm> = sets
             .iter()
             .filter(|set| {
@@ -33,8 +33,8 @@ pub(super) fn arms(sets: &[Set]) -> Vec<Arm> {
         found.dedup();
         found
     };
-    let positions = of(&[Kind::Position]);
-    let torques = of(&[Kind::Torque, Kind::Current]);
+    let positions = of(&[ColumnKind::Position]);
+    let torques = of(&[ColumnKind::Torque, ColumnKind::Current]);
     let both: Vec<Arm> = positions.into_iter().filter(|arm| torques.contains(arm)).collect();
     let is_of =
         |words: &[&str]| both.iter().all(|arm| matches!(&arm[..], [side] if words.contains(&side.as_str())));

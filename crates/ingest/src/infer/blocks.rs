@@ -2,8 +2,8 @@
 //! derivation, and torques are in the remaining block.
 
 use super::head::Head;
-use super::joints::{ACCELERATION, Found, Joints, is_derivative_of_all, is_still, rises, values};
-use super::names::Said;
+use super::joints::{ACCELERATION, JointColumns, Joints, is_derivative_of_all, is_still, rises, values};
+use super::names::NameMeaning;
 use super::proposal::Hints;
 use super::sets::list;
 use super::{stages, units};
@@ -104,12 +104,12 @@ fn of_blocks<'h>(
     let n = blocks.joints;
     let block =
         |start: usize| -> Option<Vec<&'h [f64]>> { columns.get(start..start + n)?.iter().copied().collect() };
-    let found = |start: usize, why: &str, question: Option<String>| -> Option<Found<'h>> {
+    let found = |start: usize, why: &str, question: Option<String>| -> Option<JointColumns<'h>> {
         let of: Vec<usize> = (start..start + n).collect();
-        Some(Found {
+        Some(JointColumns {
             key: ("columns", list(head, &of)),
             columns: of,
-            said: Said::default(),
+            said: NameMeaning::default(),
             values: block(start)?,
             why: why.to_owned(),
             question,
@@ -183,13 +183,13 @@ fn by_place<'h>(head: &'h Head, columns: &[Option<&'h [f64]>], n: usize) -> Join
     let first = columns.iter().take(3).position(|values| values.is_some() && !rises(*values)).unwrap_or(0);
     let question = "no column is the derivative of another, so this follows only from their order: \
         positions first, then torques. Is this right?";
-    let found = |start: usize| -> Option<Found<'h>> {
+    let found = |start: usize| -> Option<JointColumns<'h>> {
         let of: Vec<usize> = (start..start + n).collect();
-        Some(Found {
+        Some(JointColumns {
             key: ("columns", list(head, &of)),
             values: columns.get(start..start + n)?.iter().copied().collect::<Option<_>>()?,
             columns: of,
-            said: Said::default(),
+            said: NameMeaning::default(),
             why: "no names: by their order".to_owned(),
             question: Some(question.to_owned()),
         })

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::proposal::{Hints, Proposed};
-use super::{infer, infer_each_arm, words};
+use super::{infer, infer_each_arm, name_words};
 use armwatch_config::{Column, Layout, parse_layout};
 use armwatch_model::robot::Robot;
 use armwatch_testing::er3a;
@@ -25,7 +25,7 @@ fn motion(row: usize, joint: usize) -> [f64; 4] {
 
 /// Content of a column: time, a channel of [`motion`] of a joint, a constant, or one of a few values.
 #[derive(Clone, Copy)]
-enum Of {
+enum Content {
     Time,
     Motion(usize, usize),
     Scaled(usize, usize, f64),
@@ -33,15 +33,15 @@ enum Of {
     Gripper,
 }
 
-use Of::{Constant, Gripper, Motion, Scaled, Time};
+use Content::{Constant, Gripper, Motion, Scaled, Time};
 
-fn recording(columns: &[(String, Of)], header: bool) -> String {
+fn recording(columns: &[(String, Content)], header: bool) -> String {
     let mut text = String::new();
     if header {
         text += &(columns.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(",") + "\n");
     }
     for row in 0..ROWS {
-        let cell = |of: &Of| match *of {
+        let cell = |of: &Content| match *of {
             Time => row as f64 / 50.0,
             Motion(channel, joint) => motion(row, joint)[channel],
             Scaled(channel, joint, factor) => factor * motion(row, joint)[channel],
@@ -54,16 +54,16 @@ fn recording(columns: &[(String, Of)], header: bool) -> String {
     text
 }
 
-fn joints(name: impl Fn(usize) -> String, of: impl Fn(usize) -> Of) -> Vec<(String, Of)> {
+fn joints(name: impl Fn(usize) -> String, of: impl Fn(usize) -> Content) -> Vec<(String, Content)> {
     (0..N).map(|joint| (name(joint + 1), of(joint))).collect()
 }
 
-fn proposed(columns: &[Vec<(String, Of)>], hints: Hints<'_>) -> Proposed {
+fn proposed(columns: &[Vec<(String, Content)>], hints: Hints<'_>) -> Proposed {
     let header = !columns.iter().flatten().all(|(name, _)| name.is_empty());
     infer(recording(&columns.concat(), header).as_bytes(), Path::new("a.csv"), "a", hints).expect("a table")
 }
 
-fn time() -> Vec<(String, Of)> {
+fn time() -> Vec<(String, Content)> {
     vec![("time".into(), Time)]
 }
 
@@ -125,7 +125,7 @@ fn no_header_with_an_intended_and_a_measured_channel_gives_the_intended_one() {
         joints(move |j| format!("{base}_{j}"), move |j| Motion([0, 1, 3][quantity], j))
     };
     let mut headers = 0;
-    for (at, word) in words::INTENT.split_ascii_whitespace().enumerate() {
+    for (at, word) in name_words::INTENT.split_ascii_whitespace().enumerate() {
         for quantity in 0..3 {
             let base = bases[quantity][at % 4];
             let style = STYLES[(at + quantity) % STYLES.len()];
@@ -162,7 +162,7 @@ fn no_header_with_an_intended_and_a_measured_channel_gives_the_intended_one() {
 
 #[test]
 fn an_intended_channel_alone_is_a_question() {
-    for (at, word) in words::INTENT.split_ascii_whitespace().enumerate() {
+    for (at, word) in name_words::INTENT.split_ascii_whitespace().enumerate() {
         let style = STYLES[at % STYLES.len()];
         let torque = joints(|j| style(word, "torque", j), |j| Motion(3, j));
         let columns = [
@@ -178,7 +178,7 @@ fn an_intended_channel_alone_is_a_question() {
 }
 
 /// Position, velocity and torque under plain names.
-fn plain() -> [Vec<(String, Of)>; 3] {
+fn plain() -> [Vec<(String, Content)>; 3] {
     [
         joints(|j| format!("pos_{j}"), |j| Motion(0, j)),
         joints(|j| format!("vel_{j}"), |j| Motion(1, j)),
@@ -198,7 +198,7 @@ fn every_second_candidate_is_a_question_that_names_both() {
     let dead = joints(|j| format!("A{j}_pos_se_deg"), |j| if j == 0 { Motion(0, j) } else { Constant(0.0) });
     let [left, right] = [arm("L"), arm("R")];
     /// Columns, the torque that is proposed, and names in the question.
-    type Case = (Vec<Vec<(String, Of)>>, &'static str, &'static [&'static str]);
+    type Case = (Vec<Vec<(String, Content)>>, &'static str, &'static [&'static str]);
     let cases: [Case; 4] = [
         (
             [&[time()][..], &left, &right].concat(),
@@ -279,7 +279,7 @@ fn each_of_several_arms_gets_a_layout_without_a_question() {
         [("q", 0), ("qd", 1), ("tau", 3)]
             .map(|(base, channel)| joints(move |j| format!("{words}_{base}{j}"), move |j| Motion(channel, j)))
     };
-    let each = |columns: &[Vec<(String, Of)>]| {
+    let each = |columns: &[Vec<(String, Content)>]| {
         let found = infer_each_arm(
             recording(&columns.concat(), true).as_bytes(),
             Path::new("a.csv"),
@@ -342,11 +342,11 @@ fn a_recorder_of_robot_data_gives_its_currents_and_not_its_target_moments() {
 }
 
 /// Columns without names.
-fn nameless(columns: &[&[Of]]) -> Vec<Vec<(String, Of)>> {
+fn nameless(columns: &[&[Content]]) -> Vec<Vec<(String, Content)>> {
     columns.iter().map(|block| block.iter().map(|of| (String::new(), *of)).collect()).collect()
 }
 
-fn block(channel: usize) -> [Of; N] {
+fn block(channel: usize) -> [Content; N] {
     std::array::from_fn(|joint| Motion(channel, joint))
 }
 
@@ -426,7 +426,7 @@ fn joints_that_are_named_and_not_numbered_are_found() {
     let sorted = [1, 0, 2];
     let robot = arm(Some(names));
     for spell in spelling {
-        let of = |quantity: &'static str, channel: usize| -> Vec<(String, Of)> {
+        let of = |quantity: &'static str, channel: usize| -> Vec<(String, Content)> {
             sorted.iter().map(|joint| (spell(names[*joint], quantity), Motion(channel, *joint))).collect()
         };
         let columns = [
@@ -469,7 +469,7 @@ fn joints_that_are_named_and_not_numbered_are_found() {
 fn arrays_of_ros_have_the_order_of_their_names() {
     let names = ["shoulder_pan_joint", "elbow_joint", "wrist_1_joint"];
     let sorted = [1, 0, 2];
-    let of = |quantity: &str, channel: usize| -> Vec<(String, Of)> {
+    let of = |quantity: &str, channel: usize| -> Vec<(String, Content)> {
         let element = |(at, joint): (usize, &usize)| {
             (format!("/joint_states/{quantity}[{at}]"), Motion(channel, *joint))
         };

@@ -10,7 +10,7 @@ use super::motion_sections::{
 };
 use super::motion_units::{Shipped, decide_units, slopes};
 use super::names;
-use super::names::{Kind, Said};
+use super::names::{ColumnKind, NameMeaning};
 use super::proposal::Hints;
 use super::section::Section;
 use super::sets::sets;
@@ -36,12 +36,13 @@ pub(super) fn propose(head: &Head, hints: Hints<'_>, arm: Option<&Arm>) -> Decid
         return decided;
     }
     let maker = recognise(head);
-    if let Some(decided) = maker.as_ref().and_then(|maker| of_columns(head, hints, Origin::Maker(maker), arm))
+    if let Some(decided) =
+        maker.as_ref().and_then(|maker| of_columns(head, hints, ColumnOrigin::Maker(maker), arm))
     {
         return decided;
     }
     let recorder = recorder(head);
-    let origin = recorder.as_ref().map_or(Origin::Unknown, Origin::Recorder);
+    let origin = recorder.as_ref().map_or(ColumnOrigin::Unknown, ColumnOrigin::Recorder);
     let mut decided = of_columns(head, hints, origin, arm).unwrap_or_default();
     if let Some(maker) = maker {
         let said = format!(
@@ -66,7 +67,7 @@ fn of_topic_echo(head: &Head, hints: Hints<'_>, echo: &TopicEcho<'_>) -> Option<
     let mut sections = echo.sections();
     sections.push(position_section(joints, &units));
     sections.extend(velocity_section(joints, &units, &slopes));
-    sections.push(torque_section(joints, &units, hints, Origin::Unknown));
+    sections.push(torque_section(joints, &units, hints, ColumnOrigin::Unknown));
     let signals = signals(head, joints, |at| at < echo.columns || joints.has(at));
     sections.push(stage_section(head, joints, &signals));
     Some(Decided { sections, joints: joints.count, shipped: Some(topic_echo::LAYOUT) })
@@ -74,7 +75,7 @@ fn of_topic_echo(head: &Head, hints: Hints<'_>, echo: &TopicEcho<'_>) -> Option<
 
 /// The origin of an export with names of columns.
 #[derive(Clone, Copy)]
-pub(super) enum Origin<'a> {
+pub(super) enum ColumnOrigin<'a> {
     /// Columns and units are those of a shipped layout.
     Maker(&'a Maker),
     /// The maker is known, and units are not.
@@ -83,8 +84,8 @@ pub(super) enum Origin<'a> {
 }
 
 /// The sections for columns of a maker or of another recorder; `None` if the numbers contradict the maker's units.
-fn of_columns(head: &Head, hints: Hints<'_>, origin: Origin<'_>, arm: Option<&Arm>) -> Option<Decided> {
-    let maker = if let Origin::Maker(maker) = origin { Some(maker) } else { None };
+fn of_columns(head: &Head, hints: Hints<'_>, origin: ColumnOrigin<'_>, arm: Option<&Arm>) -> Option<Decided> {
+    let maker = if let ColumnOrigin::Maker(maker) = origin { Some(maker) } else { None };
     let mut sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
     if let Some(maker) = maker {
         sets = maker.sets(sets);
@@ -120,15 +121,15 @@ fn of_columns(head: &Head, hints: Hints<'_>, origin: Origin<'_>, arm: Option<&Ar
     used.extend(signals.columns());
     sections.push(rest_section(head, &joints, &used));
     let shipped = match origin {
-        Origin::Maker(maker) => Some(maker.name),
-        Origin::Recorder(recorder) => {
+        ColumnOrigin::Maker(maker) => Some(maker.name),
+        ColumnOrigin::Recorder(recorder) => {
             sections.insert(
                 0,
                 Section { title: None, comments: vec![recorder.evidence.clone()], keys: Vec::new() },
             );
             Some(recorder.layout)
         }
-        Origin::Unknown => None,
+        ColumnOrigin::Unknown => None,
     };
     Some(Decided { sections, joints: joints.count, shipped })
 }
@@ -140,11 +141,11 @@ fn rest_section(head: &Head, joints: &Joints<'_>, used: &[usize]) -> Section {
             let said = names::said(&column.name, &column.under);
             let what = match (joints.others.iter().find(|(other, _)| *other == at), said) {
                 (Some((_, what)), _) => what,
-                (None, Said { kind: Some(Kind::Other(what)), .. }) => what,
-                (None, Said { kind: Some(Kind::Temperature), .. }) => {
+                (None, NameMeaning { kind: Some(ColumnKind::Other(what)), .. }) => what,
+                (None, NameMeaning { kind: Some(ColumnKind::Temperature), .. }) => {
                     "a temperature, but not known if of motors or ambient"
                 }
-                (None, Said { intent: Some(_), .. }) => {
+                (None, NameMeaning { intent: Some(_), .. }) => {
                     "by its name a command or a calculated value, not measured"
                 }
                 _ => return column.name.clone(),

@@ -1,19 +1,19 @@
 //! Finds the joints' columns and the time column of an export.
 
 use super::head::{Head, HeadColumn};
-use super::names::{Kind, Said};
+use super::names::{ColumnKind, NameMeaning};
 use super::sets::{ORDER_QUESTION, Order, Set};
 use super::{names, units};
 use armwatch_model::robot::Robot;
 
 /// Columns of one quantity, one per joint.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Found<'h> {
+pub(super) struct JointColumns<'h> {
     /// Their indices in the export.
     pub(super) columns: Vec<usize>,
     /// Key and value of the layout.
     pub(super) key: (&'static str, String),
-    pub(super) said: Said,
+    pub(super) said: NameMeaning,
     /// `[n][rows]`
     pub(super) values: Vec<&'h [f64]>,
     pub(super) why: String,
@@ -24,9 +24,9 @@ pub(super) struct Found<'h> {
 /// The columns of all joints.
 #[derive(Debug, Default)]
 pub(super) struct Joints<'h> {
-    pub(super) position: Option<Found<'h>>,
-    pub(super) velocity: Option<Found<'h>>,
-    pub(super) torque: Option<Found<'h>>,
+    pub(super) position: Option<JointColumns<'h>>,
+    pub(super) velocity: Option<JointColumns<'h>>,
+    pub(super) torque: Option<JointColumns<'h>>,
     pub(super) count: usize,
     /// Other columns of the joints, such as accelerations, with the name of their quantity.
     pub(super) others: Vec<(usize, &'static str)>,
@@ -46,7 +46,7 @@ pub(super) fn values(column: &HeadColumn) -> Option<&[f64]> {
 /// A set of columns that may be a quantity, with its evidence.
 struct Candidate<'s, 'h> {
     set: &'s Set,
-    said: Said,
+    said: NameMeaning,
     values: Vec<&'h [f64]>,
     /// Number of constant columns.
     still: usize,
@@ -57,10 +57,16 @@ struct Candidate<'s, 'h> {
 /// The joints' columns by their names.
 pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -> Joints<'h> {
     let numeric = |set: &&Set| set.columns.iter().all(|column| head.columns[*column].values.is_some());
-    let of = |kind: Kind| sets.iter().filter(numeric).filter(move |set| set.said.kind == Some(kind));
+    let of = |kind: ColumnKind| sets.iter().filter(numeric).filter(move |set| set.said.kind == Some(kind));
     // a log may have no positions: the other columns then give the number of joints
-    let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
-    let usual = |kind: Kind| {
+    let kinds = [
+        ColumnKind::Position,
+        ColumnKind::Velocity,
+        ColumnKind::Torque,
+        ColumnKind::Current,
+        ColumnKind::Temperature,
+    ];
+    let usual = |kind: ColumnKind| {
         let best = of(kind)
             .max_by_key(|set| (set.said.intent.is_none(), set.order != Order::Place, set.columns.len()));
         best.map(|set| set.columns.len())
@@ -69,16 +75,16 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -
     let all_alone = || alone.iter().map(|set| set.columns.len()).max();
     let by_columns = || kinds.into_iter().find_map(usual).or_else(all_alone).unwrap_or(0);
     let count = robot.map_or_else(by_columns, Robot::joint_count);
-    let candidates = |kinds: &[Kind]| -> Vec<Candidate<'_, 'h>> {
+    let candidates = |kinds: &[ColumnKind]| -> Vec<Candidate<'_, 'h>> {
         let all = kinds.iter().flat_map(|kind| of(*kind));
         all.filter_map(|set| candidate(head, set, count)).collect()
     };
-    let mut positions = candidates(&[Kind::Position]);
+    let mut positions = candidates(&[ColumnKind::Position]);
     if positions.is_empty() {
         positions.extend(alone.into_iter().filter_map(|set| candidate(head, set, count)));
     }
-    let mut velocities = candidates(&[Kind::Velocity]);
-    let mut torques = candidates(&[Kind::Torque, Kind::Current]);
+    let mut velocities = candidates(&[ColumnKind::Velocity]);
+    let mut torques = candidates(&[ColumnKind::Torque, ColumnKind::Current]);
     for position in &mut positions {
         for velocity in &mut velocities {
             if units::joint_slope(&position.values, &velocity.values, None).is_some() {
@@ -127,12 +133,12 @@ fn chosen<'h>(
     count: usize,
     what: &str,
     candidates: &mut [Candidate<'_, 'h>],
-) -> Option<Found<'h>> {
+) -> Option<JointColumns<'h>> {
     candidates.sort_by_key(|of| {
         (
             of.said.intent.is_some(),
             of.still,
-            of.said.kind == Some(Kind::Current),
+            of.said.kind == Some(ColumnKind::Current),
             !of.said.is_measured,
             !of.follows,
             of.said.is_motor,
@@ -175,7 +181,7 @@ fn chosen<'h>(
             best.still
         ));
     }
-    if what == "positions" && best.said.kind != Some(Kind::Position) {
+    if what == "positions" && best.said.kind != Some(ColumnKind::Position) {
         doubts.push("the names say which joint, and not which quantity. Are these the positions?".into());
     }
     if best.set.order == Order::Place {
@@ -187,7 +193,7 @@ fn chosen<'h>(
             "there are {more} columns of this name for {count} joints. Are the first ones the arm's?"
         ));
     }
-    Some(Found {
+    Some(JointColumns {
         columns: best.set.columns[..count].to_vec(),
         key: best.set.key(head, count),
         said: best.said,
@@ -243,7 +249,7 @@ pub(super) fn is_derivative_of_all(columns: &[&[f64]], derivatives: &[&[f64]]) -
 /// Largest relative difference between the factors of joints that count as equal.
 const ONE_FACTOR: f64 = 0.05;
 
-fn named(set: &Set, said: &Said) -> String {
+fn named(set: &Set, said: &NameMeaning) -> String {
     let side = if said.is_motor { ", and that they belong to the motors" } else { "" };
     let unit = said.unit.filter(|_| !said.is_unit_shipped);
     let unit = unit.map_or_else(String::new, |unit| format!(", and gives the unit {unit}"));
@@ -288,7 +294,7 @@ pub(super) fn time<'h>(head: &'h Head, joints: &Joints<'_>) -> Time<'h> {
     let candidates: Vec<(usize, &HeadColumn, &[f64])> =
         free().filter_map(|(at, column)| Some((at, column, values(column)?))).collect();
     let is_time = |column: &HeadColumn| {
-        head.header && names::said(&column.name, &column.under).kind == Some(Kind::Time)
+        head.header && names::said(&column.name, &column.under).kind == Some(ColumnKind::Time)
     };
     let by_name = candidates.iter().find(|(_, column, values)| is_time(column) && nearly_rises(values));
     let by_numbers = || candidates.iter().find(|(.., values)| rises(Some(values)));

@@ -4,7 +4,7 @@
 //! numbers do not contradict its units. The stages come from the file, because they depend on the user's program.
 
 use super::head::Head;
-use super::names::{Kind, Said};
+use super::names::{ColumnKind, NameMeaning};
 use super::sets::{Order, Set};
 use super::{names, units};
 use crate::bytes::scope::TIME as SCOPE_TIME;
@@ -116,10 +116,10 @@ impl Maker {
         sets
     }
 
-    fn unit(&self, kind: Kind) -> Option<&'static str> {
+    fn unit(&self, kind: ColumnKind) -> Option<&'static str> {
         match kind {
-            Kind::Position => Some(self.units.position),
-            Kind::Velocity => self.units.velocity,
+            ColumnKind::Position => Some(self.units.position),
+            ColumnKind::Velocity => self.units.velocity,
             _ => Some(self.units.torque),
         }
     }
@@ -132,8 +132,10 @@ impl Maker {
 }
 
 /// The quantities of joint columns in layouts.
-fn quantity(kind: Option<Kind>) -> Option<Kind> {
-    kind.filter(|kind| matches!(kind, Kind::Position | Kind::Velocity | Kind::Torque | Kind::Current))
+fn quantity(kind: Option<ColumnKind>) -> Option<ColumnKind> {
+    kind.filter(|kind| {
+        matches!(kind, ColumnKind::Position | ColumnKind::Velocity | ColumnKind::Torque | ColumnKind::Current)
+    })
 }
 
 /// The columns of a layout in the file; `None` if one is missing.
@@ -143,14 +145,14 @@ fn channels(head: &Head, layout: &Layout, units: LayoutUnits) -> Option<Vec<Set>
     };
     column(head, &time.column)?;
     let torque = match layout.torque_quantity {
-        TorqueQuantity::Current => Kind::Current,
-        TorqueQuantity::Torque | TorqueQuantity::FractionOfRated => Kind::Torque,
+        TorqueQuantity::Current => ColumnKind::Current,
+        TorqueQuantity::Torque | TorqueQuantity::FractionOfRated => ColumnKind::Torque,
     };
     let side = layout.motor_side;
-    let mut all = vec![(Kind::Position, &layout.position.columns, units.position, side.position)];
+    let mut all = vec![(ColumnKind::Position, &layout.position.columns, units.position, side.position)];
     all.push((torque, &layout.torque.columns, units.torque, side.torque));
     if let Some(velocity) = &layout.velocity {
-        all.push((Kind::Velocity, &velocity.columns, units.velocity?, side.position));
+        all.push((ColumnKind::Velocity, &velocity.columns, units.velocity?, side.position));
     }
     let sets: Vec<Set> = all
         .into_iter()
@@ -159,7 +161,13 @@ fn channels(head: &Head, layout: &Layout, units: LayoutUnits) -> Option<Vec<Set>
     sets.windows(2).all(|pair| pair[0].columns.len() == pair[1].columns.len()).then_some(sets)
 }
 
-fn set(head: &Head, columns: &JointColumns, kind: Kind, unit: &'static str, is_motor: bool) -> Option<Set> {
+fn set(
+    head: &Head,
+    columns: &JointColumns,
+    kind: ColumnKind,
+    unit: &'static str,
+    is_motor: bool,
+) -> Option<Set> {
     let of_joint = |joint: usize| columns.of_joint(joint).map(|of| column(head, &of));
     // a pattern matches as many joints as the file has, a list must match completely
     let found: Vec<Option<usize>> = match columns {
@@ -167,13 +175,13 @@ fn set(head: &Head, columns: &JointColumns, kind: Kind, unit: &'static str, is_m
         _ => (1..).map_while(of_joint).collect(),
     };
     let found: Vec<usize> = found.into_iter().collect::<Option<_>>()?;
-    let said = Said {
+    let said = NameMeaning {
         kind: Some(kind),
         unit: Some(unit),
         is_unit_shipped: true,
         is_measured: true,
         is_motor,
-        ..Said::default()
+        ..NameMeaning::default()
     };
     let (template, first) = match columns {
         JointColumns::Pattern(pattern) if pattern.contains("{joint}") => (pattern.clone(), 1),
@@ -209,5 +217,5 @@ fn is_joint_state(head: &Head) -> bool {
     efforts >= LEAST_JOINTS
         && positions == efforts
         && (velocities == efforts || velocities == 0)
-        && head.columns.iter().any(|column| names::said(&column.name, "").kind == Some(Kind::Time))
+        && head.columns.iter().any(|column| names::said(&column.name, "").kind == Some(ColumnKind::Time))
 }

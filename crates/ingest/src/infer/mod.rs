@@ -26,7 +26,7 @@ mod time_form;
 mod topic_echo;
 mod torque_size;
 mod units;
-mod words;
+mod name_words;
 mod write;
 
 #[cfg(test)]

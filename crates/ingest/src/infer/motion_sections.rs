@@ -1,10 +1,10 @@
 //! The sections of a layout on time, positions, velocities and torques, with reasons.
 
-use super::decide::Origin;
+use super::decide::ColumnOrigin;
 use super::head::Head;
-use super::joints::{Found, Joints, Time};
+use super::joints::{JointColumns, Joints, Time};
 use super::motion_units::{Slopes, Units};
-use super::names::Kind;
+use super::names::ColumnKind;
 use super::proposal::Hints;
 use super::section::{Section, TomlKey, quoted};
 use super::time_form::lost_digits;
@@ -310,12 +310,12 @@ pub(super) fn torque_section(
     joints: &Joints<'_>,
     units: &Units,
     hints: Hints<'_>,
-    origin: Origin<'_>,
+    origin: ColumnOrigin<'_>,
 ) -> Section {
     let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
     let size = size_of(found, joints, units, hints);
     let mut unit = torque_unit(found, size, hints);
-    if matches!(origin, Origin::Recorder(_)) && found.said.unit.is_none() && size.is_none() {
+    if matches!(origin, ColumnOrigin::Recorder(_)) && found.said.unit.is_none() && size.is_none() {
         unit.question.get_or_insert_with(|| {
             "the name gives no unit, and drives of this maker may record percent or permille of the rated torque or current. \
              Which unit is it?"
@@ -334,7 +334,10 @@ pub(super) fn torque_section(
             .reasons
             .push("the description of the robot must convert it to torque: docs/exports.md".into());
     }
-    if matches!(origin, Origin::Maker(_)) && found.said.kind == Some(Kind::Current) && !has_gains(hints) {
+    if matches!(origin, ColumnOrigin::Maker(_))
+        && found.said.kind == Some(ColumnKind::Current)
+        && !has_gains(hints)
+    {
         keys[1].question = Some(
             "currents become torques by drive_gain_nm_a of each joint of the description, and the \
             manufacturer publishes none. Does the description have them? `armwatch robot drive-gains` \
@@ -349,7 +352,7 @@ pub(super) fn torque_section(
 }
 
 /// Why a unit is known.
-fn unit_reason(found: &Found<'_>) -> &'static str {
+fn unit_reason(found: &JointColumns<'_>) -> &'static str {
     if found.said.is_unit_shipped { "as in the shipped layout" } else { "the name gives it" }
 }
 
@@ -362,7 +365,7 @@ fn has_gains(hints: Hints<'_>) -> bool {
 }
 
 /// Size of the recorded torques compared with those of gravity, if positions are the joints' and their unit is known.
-fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Option<Size> {
+fn size_of(found: &JointColumns<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Option<Size> {
     let position =
         joints.position.as_ref().filter(|position| !position.said.is_motor && !units.beyond_limits)?;
     if found.said.is_motor {
@@ -375,18 +378,18 @@ fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'
 }
 
 /// The unit of torques: by their name, otherwise only if nothing indicates currents.
-fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
+fn torque_unit(found: &JointColumns<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
     let most = units::largest(found.values.iter().copied().flatten());
-    let named_torque = found.said.kind == Some(Kind::Torque);
+    let named_torque = found.said.kind == Some(ColumnKind::Torque);
     let compared = size.map_or_else(String::new, |size| format!("; {}", size.text()));
     match (found.said.unit, found.said.kind) {
         (Some(unit @ ("Nm" | "N" | "A" | "mA" | "%" | "permille")), _) => {
             TomlKey::decided("unit", quoted(unit)).because(unit_reason(found))
         }
-        (_, Some(Kind::Current)) if most >= LEAST_MILLIAMPERES => TomlKey::decided("unit", quoted("mA")).asked(&format!(
+        (_, Some(ColumnKind::Current)) if most >= LEAST_MILLIAMPERES => TomlKey::decided("unit", quoted("mA")).asked(&format!(
             "a current without unit: A or mA? The largest is {most:.4}, more than the motors of an arm draw in A"
         )),
-        (_, Some(Kind::Current)) => TomlKey::decided("unit", quoted("A"))
+        (_, Some(ColumnKind::Current)) => TomlKey::decided("unit", quoted("A"))
             .because(&format!("a current without unit; the largest is {most:.4}")),
         _ if size.is_some_and(|size| !size.is_like_torque()) => {
             let what = if named_torque { "the name contains torque, but the numbers are not as large as \

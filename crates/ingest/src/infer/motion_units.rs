@@ -1,9 +1,9 @@
 //! Units of positions, velocities and time: from the names of the columns, otherwise from the motion in the numbers.
 
 use super::head::Head;
-use super::joints::{Found, Joints};
+use super::joints::{JointColumns, Joints};
 use super::proposal::Hints;
-use super::units::{Choice, Figures, Known, Slope};
+use super::units::{Choice, ColumnNumbers, Known, Slope};
 use super::{names, units};
 use armwatch_model::robot::Robot;
 
@@ -28,7 +28,7 @@ pub(super) fn slopes(joints: &Joints<'_>, time: Option<&[f64]>) -> Slopes {
 pub(super) struct Units {
     pub(super) choices: Vec<Choice>,
     pub(super) known: Known,
-    pub(super) figures: Figures,
+    pub(super) figures: ColumnNumbers,
     /// True if positions are beyond the arm's limits in any unit.
     pub(super) beyond_limits: bool,
     /// Rows per second that match the velocities if there is no time column, Hz, the most likely first.
@@ -56,7 +56,7 @@ pub(super) fn decide_units(
     shipped: Shipped,
 ) -> Units {
     let robot = hints.robot;
-    let unit = |found: &Option<Found<'_>>, allowed: &[units::Unit]| {
+    let unit = |found: &Option<JointColumns<'_>>, allowed: &[units::Unit]| {
         let said = found.as_ref()?.said;
         let said = said.unit.filter(|_| shipped.is_trusted || !said.is_unit_shipped)?;
         allowed.iter().find(|(name, _)| *name == said).map(|(name, _)| *name)
@@ -75,12 +75,12 @@ pub(super) fn decide_units(
         velocity: unit(&joints.velocity, &units::VELOCITY),
         time: shipped.time.or(of_time),
     };
-    let most = |found: &Found<'_>| units::largest(found.values.iter().copied().flatten());
+    let most = |found: &JointColumns<'_>| units::largest(found.values.iter().copied().flatten());
     let limit = |robot: &Robot| {
         let limits = robot.joints.iter().map(|joint| &joint.limits);
         limits.fold(0.0_f64, |most, limit| most.max(limit.position_min.abs()).max(limit.position_max.abs()))
     };
-    let mut figures = Figures {
+    let mut figures = ColumnNumbers {
         position: joints.position.as_ref().map_or(0.0, most),
         velocity: joints.velocity.as_ref().map(most),
         step: time.and_then(|(_, values)| units::median_step(values)),

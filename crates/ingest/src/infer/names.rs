@@ -1,10 +1,10 @@
 //! Analyses the name of a column: joint, quantity, unit, and hints that it was measured or not.
 
-use super::words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, PRESENT, TEMPERATURES, UNITS};
+use super::name_words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, PRESENT, TEMPERATURES, UNITS};
 
 /// Quantity of a column, or of the columns of all joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ColumnKind {
     Time,
     Position,
     Velocity,
@@ -21,8 +21,8 @@ pub(super) enum Kind {
 
 /// Result of analysing a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Said {
-    pub(super) kind: Option<Kind>,
+pub(super) struct NameMeaning {
+    pub(super) kind: Option<ColumnKind>,
     /// Unit in the notation of layouts.
     pub(super) unit: Option<&'static str>,
     /// The unit comes from a shipped layout, and may be missing in the name.
@@ -40,30 +40,32 @@ pub(super) struct Said {
 }
 
 /// Analyses the name of a column, with the text below it; `{joint}` may replace the joint's number.
-pub(super) fn said(name: &str, under: &str) -> Said {
+pub(super) fn said(name: &str, under: &str) -> NameMeaning {
     let text = name.replace("{joint}", " 1 ");
     let words = words(&text);
     let has = |list: &'static str| words.iter().find_map(|word| listed(list, word));
     let unit = unit_of(under.trim_matches(['[', ']', '(', ')', ' '])).or_else(|| unit_in(&text));
     let compound = words.iter().any(|word| TEMPERATURES.iter().any(|part| word.contains(part)));
     let by_words = match compound {
-        true => Some(Kind::Temperature),
+        true => Some(ColumnKind::Temperature),
         false => KINDS.iter().find(|(_, list)| has(list).is_some()).map(|(kind, _)| *kind),
     };
     // the current position is no current
     let by_words = match by_words {
-        Some(Kind::Current) => at_present(&words).or(by_words),
+        Some(ColumnKind::Current) => at_present(&words).or(by_words),
         _ => by_words,
     };
     let kind = match (by_words, unit) {
         // A word for the joint alone is weaker evidence than a unit.
-        (None | Some(Kind::FrictionJoint | Kind::Position), Some(unit)) => kind_of_unit(unit).or(by_words),
+        (None | Some(ColumnKind::FrictionJoint | ColumnKind::Position), Some(unit)) => {
+            kind_of_unit(unit).or(by_words)
+        }
         _ => by_words,
     };
     // `q_d` is a desired position; after `pos_a`, `pos_d` would be a joint called d
     let desired =
         || (name.contains("{joint}") && words.iter().skip(1).any(|word| word == "d")).then_some("d");
-    Said {
+    NameMeaning {
         kind,
         unit,
         is_unit_shipped: false,
@@ -76,24 +78,25 @@ pub(super) fn said(name: &str, under: &str) -> Said {
 }
 
 /// The quantity that a name gives if its word for a current means the present value.
-fn at_present(words: &[String]) -> Option<Kind> {
+fn at_present(words: &[String]) -> Option<ColumnKind> {
     let is_current = |word: &String| listed(PRESENT, word).is_some();
     let others = words.iter().filter(|word| !is_current(word) && listed(MEASURED, word).is_none());
     // `cur_q` is a current across the field
     let long: Vec<&String> = others.filter(|word| word.chars().count() > 2).collect();
-    let lists = || KINDS.iter().filter(|(kind, _)| matches!(kind, Kind::Velocity | Kind::Position));
+    let lists =
+        || KINDS.iter().filter(|(kind, _)| matches!(kind, ColumnKind::Velocity | ColumnKind::Position));
     let kind = |word: &&String| lists().find(|(_, list)| listed(list, word).is_some()).map(|(kind, _)| *kind);
     words.iter().any(is_current).then(|| long.iter().find_map(kind)).flatten()
 }
 
 /// What a unit is one of; `None` for those of several quantities.
-fn kind_of_unit(unit: &str) -> Option<Kind> {
+fn kind_of_unit(unit: &str) -> Option<ColumnKind> {
     match unit {
-        "rad" | "deg" | "rev" => Some(Kind::Position),
-        "rad/s" | "deg/s" | "rpm" | "rev/s" | "m/s" => Some(Kind::Velocity),
-        "Nm" | "N" | "permille" => Some(Kind::Torque),
-        "A" | "mA" => Some(Kind::Current),
-        "degC" | "degF" | "K" => Some(Kind::Temperature),
+        "rad" | "deg" | "rev" => Some(ColumnKind::Position),
+        "rad/s" | "deg/s" | "rpm" | "rev/s" | "m/s" => Some(ColumnKind::Velocity),
+        "Nm" | "N" | "permille" => Some(ColumnKind::Torque),
+        "A" | "mA" => Some(ColumnKind::Current),
+        "degC" | "degF" | "K" => Some(ColumnKind::Temperature),
         _ => None,
     }
 }
@@ -121,7 +124,7 @@ fn unit_in(name: &str) -> Option<&'static str> {
 }
 
 /// The words and numbers of a name without those for its quantity: the joint, if the names of a set differ.
-pub(super) fn label(name: &str, said: Said) -> Vec<String> {
+pub(super) fn label(name: &str, said: NameMeaning) -> Vec<String> {
     let list = KINDS.iter().find(|(kind, _)| Some(*kind) == said.kind).map_or("", |(_, list)| *list);
     let is_kind = |token: &String| parts(token).iter().any(|part| listed(list, part).is_some());
     tokens(name).into_iter().filter(|token| !is_kind(token)).collect()
@@ -276,50 +279,50 @@ mod tests {
     #[test]
     fn names_of_many_houses_are_understood() {
         for (name, kind, unit) in [
-            ("pos_{joint}", Kind::Position, None),
-            ("Position_{joint}", Kind::Position, None),
-            ("q{joint}", Kind::Position, None),
-            ("J{joint} pos [deg]", Kind::Position, Some("deg")),
-            ("Achse {joint} Istwert", Kind::Position, None),
-            ("Achse {joint} Istwert [°]", Kind::Position, Some("deg")),
-            ("axis{joint}_torque", Kind::Torque, None),
-            ("axis{joint}_torque_nm", Kind::Torque, Some("Nm")),
-            ("A{joint}_Strom", Kind::Current, None),
-            ("A{joint}_Strom [A]", Kind::Current, Some("A")),
-            ("Drehmoment A{joint} in Nm", Kind::Torque, Some("Nm")),
-            ("Drehzahl Achse {joint} (U/min)", Kind::Velocity, Some("rpm")),
-            ("actual_qd_{joint}", Kind::Velocity, None),
-            ("Couple axe {joint} [N.m]", Kind::Torque, Some("Nm")),
-            ("Vitesse axe {joint} (°/s)", Kind::Velocity, Some("deg/s")),
-            ("velocità asse {joint}", Kind::Velocity, None),
-            ("coppia_{joint}", Kind::Torque, None),
-            ("posición eje {joint} [rad]", Kind::Position, Some("rad")),
-            ("关节{joint}位置", Kind::Position, None),
-            ("关节{joint}力矩[Nm]", Kind::Torque, Some("Nm")),
-            ("轴{joint}速度", Kind::Velocity, None),
-            ("axis {joint} [deg]", Kind::Position, Some("deg")),
-            ("J{joint} current position", Kind::Position, None),
-            ("current_speed_{joint}", Kind::Velocity, None),
-            ("position courante {joint}", Kind::Position, None),
-            ("$SCR_GRP[1].$CUR_ANG[{joint}]", Kind::Position, None),
-            ("J{joint} motor current", Kind::Current, None),
-            ("cur_q_{joint}", Kind::Current, None),
-            ("actual current {joint}", Kind::Current, None),
-            ("mtrq_{joint}", Kind::Torque, None),
-            ("JointPos{joint}", Kind::Position, None),
-            ("Zeit [ms]", Kind::Time, Some("ms")),
-            ("time_us", Kind::Time, Some("us")),
-            ("stage", Kind::Stage, None),
-            ("Zyklus", Kind::Cycle, None),
-            ("joint", Kind::FrictionJoint, None),
-            ("Stufe", Kind::FrictionLevel, None),
+            ("pos_{joint}", ColumnKind::Position, None),
+            ("Position_{joint}", ColumnKind::Position, None),
+            ("q{joint}", ColumnKind::Position, None),
+            ("J{joint} pos [deg]", ColumnKind::Position, Some("deg")),
+            ("Achse {joint} Istwert", ColumnKind::Position, None),
+            ("Achse {joint} Istwert [°]", ColumnKind::Position, Some("deg")),
+            ("axis{joint}_torque", ColumnKind::Torque, None),
+            ("axis{joint}_torque_nm", ColumnKind::Torque, Some("Nm")),
+            ("A{joint}_Strom", ColumnKind::Current, None),
+            ("A{joint}_Strom [A]", ColumnKind::Current, Some("A")),
+            ("Drehmoment A{joint} in Nm", ColumnKind::Torque, Some("Nm")),
+            ("Drehzahl Achse {joint} (U/min)", ColumnKind::Velocity, Some("rpm")),
+            ("actual_qd_{joint}", ColumnKind::Velocity, None),
+            ("Couple axe {joint} [N.m]", ColumnKind::Torque, Some("Nm")),
+            ("Vitesse axe {joint} (°/s)", ColumnKind::Velocity, Some("deg/s")),
+            ("velocità asse {joint}", ColumnKind::Velocity, None),
+            ("coppia_{joint}", ColumnKind::Torque, None),
+            ("posición eje {joint} [rad]", ColumnKind::Position, Some("rad")),
+            ("关节{joint}位置", ColumnKind::Position, None),
+            ("关节{joint}力矩[Nm]", ColumnKind::Torque, Some("Nm")),
+            ("轴{joint}速度", ColumnKind::Velocity, None),
+            ("axis {joint} [deg]", ColumnKind::Position, Some("deg")),
+            ("J{joint} current position", ColumnKind::Position, None),
+            ("current_speed_{joint}", ColumnKind::Velocity, None),
+            ("position courante {joint}", ColumnKind::Position, None),
+            ("$SCR_GRP[1].$CUR_ANG[{joint}]", ColumnKind::Position, None),
+            ("J{joint} motor current", ColumnKind::Current, None),
+            ("cur_q_{joint}", ColumnKind::Current, None),
+            ("actual current {joint}", ColumnKind::Current, None),
+            ("mtrq_{joint}", ColumnKind::Torque, None),
+            ("JointPos{joint}", ColumnKind::Position, None),
+            ("Zeit [ms]", ColumnKind::Time, Some("ms")),
+            ("time_us", ColumnKind::Time, Some("us")),
+            ("stage", ColumnKind::Stage, None),
+            ("Zyklus", ColumnKind::Cycle, None),
+            ("joint", ColumnKind::FrictionJoint, None),
+            ("Stufe", ColumnKind::FrictionLevel, None),
         ] {
             let said = said(name, "");
             assert_eq!((said.kind, said.unit), (Some(kind), unit), "{name}");
         }
         assert!(said("pos_soll_{joint}", "").intent.is_some() && said("mpos_{joint}", "").is_motor);
         assert_eq!(said("q{joint}", "[deg]").unit, Some("deg"));
-        assert_eq!(said("temp_motor_{joint}", "").kind, Some(Kind::Temperature));
+        assert_eq!(said("temp_motor_{joint}", "").kind, Some(ColumnKind::Temperature));
         assert_eq!(said("note", "").kind, None);
     }
 
@@ -341,16 +344,16 @@ mod tests {
             ("A{joint} [°C]", Some("degC"), false, false),
         ] {
             let said = said(name, "");
-            assert_eq!((said.kind, said.unit), (Some(Kind::Temperature), unit), "{name}");
+            assert_eq!((said.kind, said.unit), (Some(ColumnKind::Temperature), unit), "{name}");
             assert_eq!((said.is_motor, said.is_hall), (is_motor, is_hall), "{name}");
         }
         assert!(said("drive temperature {joint}", "").is_electronics);
         for (name, kind) in [
-            ("temps [s]", Kind::Time),
-            ("tempo", Kind::Time),
-            ("Couple moteur {joint} [N.m]", Kind::Torque),
-            ("pos_{joint} [°]", Kind::Position),
-            ("motor_torque_{joint}", Kind::Torque),
+            ("temps [s]", ColumnKind::Time),
+            ("tempo", ColumnKind::Time),
+            ("Couple moteur {joint} [N.m]", ColumnKind::Torque),
+            ("pos_{joint} [°]", ColumnKind::Position),
+            ("motor_torque_{joint}", ColumnKind::Torque),
         ] {
             assert_eq!(said(name, "").kind, Some(kind), "{name}");
         }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::head::Head;
-use super::names::{self, Group, Kind, Said};
+use super::names::{self, ColumnKind, Group, NameMeaning};
 use super::section::quoted;
 use armwatch_model::robot::Robot;
 
@@ -33,7 +33,7 @@ pub(super) struct Set {
     /// Column indices, from the base outwards.
     pub(super) columns: Vec<usize>,
     pub(super) order: Order,
-    pub(super) said: Said,
+    pub(super) said: NameMeaning,
 }
 
 /// All sets of an export with names, in the order of their first columns.
@@ -129,8 +129,14 @@ fn by_joint_names(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
 
 /// Sets of columns whose names are equal except for the joint, which has a name instead of a number.
 fn by_place(head: &Head, known: &[Set]) -> Vec<Set> {
-    let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
-    let mut found: Vec<(Said, Vec<usize>, BTreeSet<Vec<String>>)> = Vec::new();
+    let kinds = [
+        ColumnKind::Position,
+        ColumnKind::Velocity,
+        ColumnKind::Torque,
+        ColumnKind::Current,
+        ColumnKind::Temperature,
+    ];
+    let mut found: Vec<(NameMeaning, Vec<usize>, BTreeSet<Vec<String>>)> = Vec::new();
     for (at, column) in head.columns.iter().enumerate() {
         let said = names::said(&column.name, &column.under);
         if !said.kind.is_some_and(|kind| kinds.contains(&kind)) || said.is_hall || said.is_electronics {
@@ -150,7 +156,7 @@ fn by_place(head: &Head, known: &[Set]) -> Vec<Set> {
         let within = |set: &&Set| set.columns.iter().all(|column| columns.contains(column));
         known.iter().filter(within).map(|set| set.columns.len()).collect::<Vec<usize>>()
     };
-    let is_set = |(_, columns, labels): &(Said, Vec<usize>, BTreeSet<Vec<String>>)| {
+    let is_set = |(_, columns, labels): &(NameMeaning, Vec<usize>, BTreeSet<Vec<String>>)| {
         let parts = known_parts(columns);
         let named = columns.len() - parts.iter().sum::<usize>();
         columns.len() > 1

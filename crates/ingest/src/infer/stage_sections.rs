@@ -2,7 +2,7 @@
 
 use super::head::{Head, Words};
 use super::joints::{Joints, values};
-use super::names::Kind;
+use super::names::ColumnKind;
 use super::section::{Section, TomlKey, quoted};
 use super::stages::{Meaning, StageValue};
 use super::{names, stages};
@@ -61,14 +61,14 @@ pub(super) fn signals(head: &Head, joints: &Joints<'_>, is_used: impl Fn(usize) 
     let whole = |at: &usize| {
         values(&head.columns[*at]).is_some_and(|values| values.iter().all(|v| v.fract() == 0.0 && *v >= 0.0))
     };
-    let named = |wanted: Kind| free.iter().copied().find(|at| kind(*at) == Some(wanted) && whole(at));
+    let named = |wanted: ColumnKind| free.iter().copied().find(|at| kind(*at) == Some(wanted) && whole(at));
     let within = |at: &usize, most: usize| {
         alphabet(*at).is_some_and(|values| values.iter().all(|value| (0..=most as i64).contains(value)))
     };
     let speeds = speeds(joints);
     let candidate = |at: usize| -> Option<StageColumn> {
         let is_named = match kind(at) {
-            Some(Kind::Stage) => true,
+            Some(ColumnKind::Stage) => true,
             None => false,
             Some(_) => return None,
         };
@@ -87,9 +87,9 @@ pub(super) fn signals(head: &Head, joints: &Joints<'_>, is_used: impl Fn(usize) 
     stage.sort_by_key(|of| (!of.is_sure, of.meaning.is_none(), of.column));
     Signals {
         stage,
-        cycle: named(Kind::Cycle),
-        friction_joint: named(Kind::FrictionJoint).filter(|at| within(at, joints.count)),
-        friction_level: named(Kind::FrictionLevel).filter(|at| within(at, 255)),
+        cycle: named(ColumnKind::Cycle),
+        friction_joint: named(ColumnKind::FrictionJoint).filter(|at| within(at, joints.count)),
+        friction_level: named(ColumnKind::FrictionLevel).filter(|at| within(at, 255)),
     }
 }
 

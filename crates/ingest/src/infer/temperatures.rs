@@ -1,7 +1,7 @@
 //! Columns of temperatures: of motors, one per joint, and of the ambient air.
 
 use super::head::Head;
-use super::names::{self, Kind, Said};
+use super::names::{self, ColumnKind, NameMeaning};
 use super::section::{Section, TomlKey, quoted};
 use super::sets::{ORDER_QUESTION, Order, Set};
 use armwatch_config::TemperatureUnit;
@@ -38,7 +38,7 @@ pub(super) fn temperatures(
         .filter(|set| count > 0 && set.columns.len() >= count && !set.columns.iter().any(|at| taken(*at)))
         .filter(|set| {
             let said = set.said;
-            said.kind == Some(Kind::Temperature) && said.intent.is_none() && !said.is_electronics
+            said.kind == Some(ColumnKind::Temperature) && said.intent.is_none() && !said.is_electronics
         })
         .min_by_key(|set| (!set.said.is_motor, set.columns.len() != count));
     if let Some(set) = motors {
@@ -56,7 +56,10 @@ pub(super) fn temperatures(
     let said = |at: &usize| names::said(&head.columns[*at].name, &head.columns[*at].under);
     let hall = (0..head.columns.len()).filter(|at| !taken(*at) && !found.columns.contains(at)).find(|at| {
         let said = said(at);
-        said.kind == Some(Kind::Temperature) && said.is_hall && said.intent.is_none() && !said.is_electronics
+        said.kind == Some(ColumnKind::Temperature)
+            && said.is_hall
+            && said.intent.is_none()
+            && !said.is_electronics
     });
     if let Some(at) = hall {
         let keys = vec![
@@ -70,7 +73,7 @@ pub(super) fn temperatures(
 }
 
 /// The unit by its name, otherwise by the numbers.
-fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> TomlKey {
+fn unit_key(head: &Head, columns: &[usize], said: NameMeaning, is_hall: bool) -> TomlKey {
     if let Some(unit) = TemperatureUnit::ALL.into_iter().find(|unit| Some(unit.name()) == said.unit) {
         return TomlKey::decided("unit", quoted(unit.name())).because("the name gives it");
     }

@@ -2,8 +2,8 @@
 //! columns.
 
 use super::head::{Head, HeadColumn};
-use super::joints::{Found, Joints};
-use super::names::{Kind, Said};
+use super::joints::{JointColumns, Joints};
+use super::names::{ColumnKind, NameMeaning};
 use super::section::{Section, TomlKey, quoted};
 use super::sets::{ORDER_QUESTION, list};
 use armwatch_model::robot::Robot;
@@ -65,27 +65,27 @@ pub(super) fn topic_echo<'h>(head: &'h Head, robot: Option<&Robot>) -> Option<To
         .is_none()
         .then(|| format!("the joints of the message are {}: {ORDER_QUESTION}", names.join(", ")));
     let places = of_robot.unwrap_or_else(|| (0..n).collect());
-    let found = |block: usize, kind: Kind, unit: &'static str| -> Option<Found<'h>> {
+    let found = |block: usize, kind: ColumnKind, unit: &'static str| -> Option<JointColumns<'h>> {
         let columns: Vec<usize> = places.iter().map(|place| STAMP + block * n + place).collect();
-        Some(Found {
+        Some(JointColumns {
             key: ("columns", list(head, &columns)),
             values: columns.iter().map(|at| head.columns[*at].values.as_deref()).collect::<Option<_>>()?,
             columns,
-            said: Said {
+            said: NameMeaning {
                 kind: Some(kind),
                 unit: Some(unit),
                 is_unit_shipped: true,
                 is_measured: true,
-                ..Said::default()
+                ..NameMeaning::default()
             },
             why: "from the place in the message".to_owned(),
             question: question.clone(),
         })
     };
     let joints = Joints {
-        position: Some(found(1, Kind::Position, "rad")?),
-        velocity: Some(found(2, Kind::Velocity, "rad/s")?),
-        torque: Some(found(3, Kind::Torque, "Nm")?),
+        position: Some(found(1, ColumnKind::Position, "rad")?),
+        velocity: Some(found(2, ColumnKind::Velocity, "rad/s")?),
+        torque: Some(found(3, ColumnKind::Torque, "Nm")?),
         count: places.len(),
         others: Vec::new(),
     };

@@ -108,7 +108,7 @@ pub(super) struct Known {
 
 /// Properties of the numbers, in the export's units.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Figures {
+pub(super) struct ColumnNumbers {
     /// Largest magnitude of any position.
     pub(super) position: f64,
     /// Largest magnitude of any velocity, if recorded.
@@ -147,7 +147,7 @@ impl Choice {
 pub(super) const RATE_TOLERANCE: f64 = 0.02;
 
 /// All choices that match the known units and the numbers; more usual ones come first.
-pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
+pub(super) fn choices(known: Known, figures: ColumnNumbers) -> Vec<Choice> {
     let of = |units: &[Unit], known: Option<&str>| -> Vec<Unit> {
         units.iter().copied().filter(|(name, _)| known.is_none_or(|known| known == *name)).collect()
     };
@@ -183,7 +183,7 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
 
 /// Choices with minutes, hours or days. If others match too, velocities must be in the positions' unit per second,
 /// since nearly any factor is that of some three units.
-fn of_long_times(known: Known, figures: Figures, has_others: bool) -> Vec<Choice> {
+fn of_long_times(known: Known, figures: ColumnNumbers, has_others: bool) -> Vec<Choice> {
     if has_others && figures.slope.is_none() && known.time.is_none() {
         return Vec::new();
     }
@@ -205,7 +205,7 @@ fn of_long_times(known: Known, figures: Figures, has_others: bool) -> Vec<Choice
 }
 
 /// Choices with a clock whose step follows from positions and velocities.
-fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: Figures) -> Vec<Choice> {
+fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: ColumnNumbers) -> Vec<Choice> {
     let Some(slope) = figures.slope else { return Vec::new() };
     let pairs =
         positions.iter().flat_map(|position| velocities.iter().map(move |velocity| (*position, *velocity)));
@@ -220,13 +220,13 @@ fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: Figu
 }
 
 /// Relative difference between the measured factor and that of the units; zero without a measured one.
-fn misfit(choice: Choice, figures: Figures) -> f64 {
+fn misfit(choice: Choice, figures: ColumnNumbers) -> f64 {
     let expected = choice.position.1 / (choice.time.1 * choice.velocity.1);
     let of = |slope: Slope| (slope.ratio.abs() / expected - 1.0).abs();
     figures.slope.filter(|_| figures.step.is_some()).map_or(0.0, of)
 }
 
-fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
+fn is_possible(choice: Choice, known: Known, figures: ColumnNumbers) -> bool {
     let Choice { position, velocity, time } = choice;
     let agrees = match (figures.slope, figures.step) {
         (Some(_), Some(_)) => misfit(choice, figures) <= SLOPE_TOLERANCE,
@@ -289,7 +289,7 @@ mod tests {
                     let (time, position) = (in_units(&time, t.1), in_units(&position, p.1));
                     let velocity = in_units(&velocity, v.1);
                     let slope = joint_slope(&[&position], &[&velocity], Some(&time)).unwrap();
-                    let figures = Figures {
+                    let figures = ColumnNumbers {
                         position: largest(&position),
                         velocity: Some(largest(&velocity)),
                         step: median_step(&time),
@@ -313,7 +313,7 @@ mod tests {
     fn a_clock_of_its_own_is_found_by_its_step() {
         let (time, position, velocity) = motion();
         let counts = in_units(&time, 0.002);
-        let figures = Figures {
+        let figures = ColumnNumbers {
             position: largest(&position),
             velocity: Some(largest(&velocity)),
             step: median_step(&counts),

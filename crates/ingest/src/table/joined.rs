@@ -11,7 +11,7 @@ use super::preamble::{self, Header};
 use super::reader::{ExportReader, ReadOptions};
 use crate::bytes::blocks::{BLOCK_BYTES, Blocks, Next};
 use crate::bytes::fingerprint::RunningHash;
-use crate::bytes::parts::Parts;
+use crate::bytes::parts::RecordingParts;
 use crate::bytes::source::{self, unreadable};
 use crate::rejection::Rejection;
 use armwatch_config::{Column, Layout, PartMatch, TextEncoding};
@@ -48,7 +48,7 @@ pub(super) fn open<'l>(
     layout: &'l Layout,
     most: u64,
 ) -> Result<(Bytes, RunningHash, Cow<'l, Layout>), Rejection> {
-    let Some(parts) = Parts::of(path) else {
+    let Some(parts) = RecordingParts::of(path) else {
         let (bytes, hash) = source::open_hashing_up_to(path, most)?;
         return Ok((bytes, hash, Cow::Borrowed(layout)));
     };
@@ -64,13 +64,13 @@ pub(super) fn open<'l>(
     let Some((_, first)) = files.pop_front() else {
         return Err(Rejection::of_file(path, "a recording without parts", "export again"));
     };
-    let (first, hash) = Part::open(&first, layout, most)?;
+    let (first, hash) = OpenedPart::open(&first, layout, most)?;
     let bytes: Bytes = match matching {
         PartMatch::After => Box::new(Following::new(first, files, hash.clone(), layout.clone(), most)),
         PartMatch::Row | PartMatch::Time => {
             let mut all = vec![first];
             for (name, file) in files {
-                let (mut part, of_part) = Part::open(&file, layout, most)?;
+                let (mut part, of_part) = OpenedPart::open(&file, layout, most)?;
                 hash.follow_with(&of_part);
                 part.name = name;
                 all.push(part);
@@ -90,7 +90,7 @@ pub fn missing_part(path: &Path, missing: &Path) -> Rejection {
 }
 
 /// A part whose header was read.
-struct Part {
+struct OpenedPart {
     name: String,
     path: PathBuf,
     header: Header,
@@ -103,7 +103,7 @@ struct Part {
     rows: u64,
 }
 
-impl Part {
+impl OpenedPart {
     fn open(path: &Path, layout: &Layout, most: u64) -> Result<(Self, RunningHash), Rejection> {
         let (bytes, hash) = source::open_hashing_up_to(path, most)?;
         let mut blocks = Blocks::new(bytes, BLOCK_BYTES, layout.text.encoding);
@@ -168,7 +168,7 @@ fn head(header: &str, line: u64, layout: &Layout) -> Vec<u8> {
 /// of the one before, even within a line.
 struct Following {
     header: String,
-    current: Option<Part>,
+    current: Option<OpenedPart>,
     files: VecDeque<(String, PathBuf)>,
     hash: RunningHash,
     layout: Layout,
@@ -179,7 +179,7 @@ struct Following {
 
 impl Following {
     fn new(
-        first: Part,
+        first: OpenedPart,
         files: VecDeque<(String, PathBuf)>,
         hash: RunningHash,
         layout: Layout,
@@ -214,7 +214,7 @@ impl Following {
             let is_open = part.is_open;
             self.current = None;
             let Some((_, file)) = self.files.pop_front() else { return Ok(()) };
-            let opened = Part::open(&file, &self.layout, self.most);
+            let opened = OpenedPart::open(&file, &self.layout, self.most);
             let (next, hash) = opened.map_err(|rejection| {
                 let name = of_file_name(&file);
                 unreadable(format!("part {name}: {}", rejection.reason), &rejection.remedy)
@@ -255,8 +255,8 @@ fn give(output: &[u8], given: &mut usize, buffer: &mut [u8]) -> usize {
 }
 
 /// A part in a side-by-side recording.
-struct Side {
-    part: Part,
+struct SidePart {
+    part: OpenedPart,
     /// Index of its time column, if rows match by time.
     time: Option<usize>,
     /// Cells for a row that it does not have.
@@ -267,7 +267,7 @@ struct Side {
 
 /// Parts side by side.
 struct SideBySide {
-    columns: Vec<Side>,
+    columns: Vec<SidePart>,
     layout: Layout,
     /// Time of the row before and step to it, if rows match by time.
     before: Option<(f64, f64)>,
@@ -279,7 +279,12 @@ struct SideBySide {
 }
 
 impl SideBySide {
-    fn new(parts: Vec<Part>, matching: PartMatch, layout: &Layout, path: &Path) -> Result<Self, Rejection> {
+    fn new(
+        parts: Vec<OpenedPart>,
+        matching: PartMatch,
+        layout: &Layout,
+        path: &Path,
+    ) -> Result<Self, Rejection> {
         let mut names: Vec<String> = Vec::new();
         let mut columns = Vec::new();
         let mut line = 1;
@@ -308,7 +313,7 @@ impl SideBySide {
             });
             let unique: Vec<String> = unique.collect();
             names.extend(unique);
-            columns.push(Side { part, time, empty, next: None });
+            columns.push(SidePart { part, time, empty, next: None });
         }
         let delimiter = char::from(layout.delimiter).to_string();
         let output = head(
@@ -404,7 +409,7 @@ impl SideBySide {
     }
 }
 
-impl Side {
+impl SidePart {
     /// Time of the next row.
     fn peek(&mut self, layout: &Layout) -> io::Result<Option<f64>> {
         if self.next.is_none() {

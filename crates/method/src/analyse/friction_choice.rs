@@ -64,7 +64,7 @@ pub struct FrictionChoice {
 }
 
 /// Factors of an arm for one law.
-struct Candidate {
+struct FrictionCandidate {
     name: &'static str,
     method: Method,
     /// Factors by cycle, part and joint `[n]`.
@@ -75,7 +75,7 @@ struct Candidate {
 
 /// Comparison of laws, cycle by cycle, so that only one cycle is in memory.
 pub struct FrictionComparison {
-    candidates: Vec<Candidate>,
+    candidates: Vec<FrictionCandidate>,
     settings: AnalysisSettings,
     independent: Vec<f64>,
 }
@@ -88,7 +88,7 @@ impl FrictionComparison {
     pub fn new(robot: &Robot, settings: AnalysisSettings) -> Result<Self, NumericsError> {
         let candidate = |kind: &armwatch_model::robot::LoadKind| {
             let method = Method::new(with_load(robot, kind.with_speed), settings)?;
-            Ok(Candidate { name: kind.name, method, cycles: Vec::new(), passes: 0, failed: None })
+            Ok(FrictionCandidate { name: kind.name, method, cycles: Vec::new(), passes: 0, failed: None })
         };
         let candidates = LoadFriction::KINDS.iter().map(candidate).collect::<Result<_, NumericsError>>()?;
         Ok(Self { candidates, settings, independent: Vec::new() })
@@ -170,7 +170,7 @@ impl FrictionComparison {
     }
 
     /// Score of each joint, and the number of held-out sets.
-    fn scored(&self, candidate: &Candidate) -> Result<(Vec<LawScore>, usize), NumericsError> {
+    fn scored(&self, candidate: &FrictionCandidate) -> Result<(Vec<LawScore>, usize), NumericsError> {
         let robot = &candidate.method.robot;
         let kept = &candidate.method.base.kept;
         let n = robot.joint_count();

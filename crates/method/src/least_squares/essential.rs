@@ -96,6 +96,7 @@ pub(crate) fn essential(
 
 #[cfg(test)]
 mod tests {
+    use armwatch_testing::noise::Noise;
     use faer::Mat;
 
     use super::*;
@@ -104,17 +105,13 @@ mod tests {
     fn parameters_that_are_zero_go_and_the_others_stay() {
         let truth = [2.0, 0.0, -1.0, 0.0, 0.5];
         let mut factor = TriangularFactor::new(5);
-        let mut state = 99_u64;
-        let mut white = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut white = Noise(99);
         let mut rows = Mat::<f64>::zeros(2000, 6);
         for i in 0..2000 {
             for k in 0..5 {
                 rows[(i, k)] = (0.01 * i as f64 * (k as f64 + 1.3)).sin();
             }
-            rows[(i, 5)] = (0..5).map(|k| truth[k] * rows[(i, k)]).sum::<f64>() + white();
+            rows[(i, 5)] = (0..5).map(|k| truth[k] * rows[(i, k)]).sum::<f64>() + white.even() - 0.5;
         }
         factor.fold(rows.as_ref());
         let found = essential(&factor, 2000, 1.0, &EssentialSettings::default()).expect("essential");

@@ -216,7 +216,7 @@ mod tests {
     use crate::model::dynamics::inverse_dynamics;
     use crate::physical::pseudo_inertia::{POSITIVE, definiteness};
     use armwatch_model::robot::JointLimits;
-    use armwatch_testing::er3a;
+    use armwatch_testing::{er3a, scara};
 
     #[test]
     fn a_cylinder_along_z_has_the_inertia_of_the_textbook() {
@@ -241,9 +241,7 @@ mod tests {
 
     #[test]
     fn carried_inertia_is_the_torque_of_unit_acceleration() {
-        let scara = include_str!("../../../../config/robots/scara.toml");
-        let scara = armwatch_config::parse_robot("scara.toml", scara).expect("no problems");
-        for mut robot in [er3a(), scara] {
+        for mut robot in [er3a(), scara()] {
             robot.gravity = Vector3::zeros();
             let bodies = uniform_bodies(&robot, TYPICAL_DENSITY);
             let n = robot.joint_count();

@@ -16,7 +16,7 @@
 
 use faer::MatRef;
 
-use super::loaded_rows::{JointProblem, MIN_CYCLES, NEW_SHARE, Part, RecordedCycle};
+use super::loaded_rows::{JointProblem, LoadedFactor, MIN_CYCLES, NEW_SHARE, RecordedCycle};
 use crate::NumericsError;
 use crate::identify::joint_factors::FactorColumns;
 use crate::least_squares::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
@@ -241,7 +241,7 @@ fn scale_of(factor: &TriangularFactor) -> Option<LoadScale> {
 /// Standard error and its degrees of freedom from leaving out each cycle in turn: in each recording `(n-1)/n` times the
 /// sum of squared deviations (Shao & Tu 1995, 6.2), and the degrees of freedom of Satterthwaite (1946). `None` with too
 /// few cycles, or if a single cycle decides everything.
-fn jackknife(parts: &[Part], problem: &JointProblem) -> Option<(f64, f64)> {
+fn jackknife(parts: &[LoadedFactor], problem: &JointProblem) -> Option<(f64, f64)> {
     let mut before = vec![TriangularFactor::new(problem.columns())];
     for part in parts {
         before.push(joined([before.last()?, &part.factor].into_iter(), problem));

@@ -52,7 +52,7 @@ pub(super) struct JointProblem {
 }
 
 /// Factor of one joint in one cycle, with friction removed.
-pub(super) struct Part {
+pub(super) struct LoadedFactor {
     /// Index of the cycle among all.
     pub(super) cycle: usize,
     pub(super) loaded: bool,
@@ -74,13 +74,13 @@ impl JointProblem {
         Self { arm, friction, changes }
     }
 
-    /// Columns of the factors of [`Part`]: the arm's, then one per load.
+    /// Columns of the factors of [`LoadedFactor`]: the arm's, then one per load.
     pub(super) fn columns(&self) -> usize {
         self.arm.len() + self.changes.len()
     }
 
     /// Parts of all cycles with rows of the joint.
-    pub(super) fn parts(&self, cycles: &[RecordedCycle], joint: JointIndex) -> Vec<Part> {
+    pub(super) fn parts(&self, cycles: &[RecordedCycle], joint: JointIndex) -> Vec<LoadedFactor> {
         let chosen = |of: &&JointFactor| of.joint == joint && used_for_identification(of.stage, of.motion);
         let of_cycle = |(place, cycle)| {
             let cycle: &RecordedCycle = cycle;
@@ -89,7 +89,7 @@ impl JointProblem {
         cycles.iter().enumerate().flat_map(of_cycle).collect()
     }
 
-    fn part(&self, place: usize, cycle: &RecordedCycle, of: &JointFactor) -> Part {
+    fn part(&self, place: usize, cycle: &RecordedCycle, of: &JointFactor) -> LoadedFactor {
         let share = cycle.independent_shares.get(of.joint.index()).copied().unwrap_or(1.0);
         let of = &of.factor;
         let (r, b) = (of.upper(), of.columns());
@@ -112,7 +112,7 @@ impl JointProblem {
         let mut factor = TriangularFactor::new(left.len() - 1);
         factor.fold(Mat::from_fn(b + 1, left.len(), |i, k| left[k][i]).as_ref());
         let rows = of.rows() as f64;
-        Part {
+        LoadedFactor {
             cycle: place,
             loaded: cycle.loaded,
             factor,

@@ -22,7 +22,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::loaded_rows::{JointProblem, MIN_CYCLES, NEW_SHARE, Part, RecordedCycle, load_change};
+use super::loaded_rows::{JointProblem, LoadedFactor, MIN_CYCLES, NEW_SHARE, RecordedCycle, load_change};
 use crate::NumericsError;
 use crate::identify::joint_factors::FactorColumns;
 use crate::least_squares::orthonormal::{OrthonormalBasis, dot};
@@ -127,7 +127,7 @@ pub fn payload(
     }
     let counts = [false, true].map(|loaded| cycles.iter().filter(|cycle| cycle.loaded == loaded).count());
     let bound = gain_bound.clamp(LEAST_BOUND, LARGEST_BOUND);
-    Fit::of(&joints, bound)?.payload(&joints, bound, counts)
+    GainFit::of(&joints, bound)?.payload(&joints, bound, counts)
 }
 
 /// Rows of one joint as a function of the load, without the part that the arm's own parameters explain.
@@ -163,7 +163,7 @@ impl JointLoad {
         (0..arm).for_each(|k| basis.add(&column(k), NEW_SHARE));
         let left: Vec<Vec<f64>> = (arm..=problem.columns()).map(|k| basis.rest(&column(k)).vector).collect();
         let height = problem.columns() + 1;
-        let of_part = |(at, part): (usize, &Part)| {
+        let of_part = |(at, part): (usize, &LoadedFactor)| {
             let rows = at * height..(at + 1) * height;
             let product = |i: usize, k: usize| dot(&left[i][rows.clone()], &left[k][rows.clone()]);
             let gram = DMatrix::from_fn(LOAD, LOAD, product);
@@ -192,7 +192,7 @@ fn explained(gram: &DMatrix<f64>, score: &DVector<f64>) -> (f64, usize) {
 }
 
 /// Gains of the joints and the load in units of [`LOAD_PRIOR`], `[joints + 10]`.
-struct Fit {
+struct GainFit {
     at: DVector<f64>,
     /// Covariances at a fixed common factor of the gains, with their degrees of freedom: of the cycles without and with
     /// the load, or of all rows; then the part of the ratios that only the bounds determine.
@@ -201,7 +201,7 @@ struct Fit {
     ratio_errors: Vec<f64>,
 }
 
-impl Fit {
+impl GainFit {
     /// Gauss-Newton fit of the weighted squares of all joints, with a prior of gains at one.
     fn of(joints: &[JointLoad], bound: f64) -> Result<Self, NumericsError> {
         let n = joints.len();

@@ -5,7 +5,6 @@
 mod cycle_intervals;
 mod load_friction;
 
-use armwatch_config::parse_robot;
 use armwatch_method::analyse::Method;
 use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_model::analysis::finding::FindingKind;
@@ -13,16 +12,11 @@ use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind, Robot};
 use armwatch_model::run::{Cycle, Samples};
 use armwatch_simulate::{SimulationSettings, rows_of_run};
-use armwatch_testing::er3a;
+use armwatch_testing::{described, er3a, scara};
 
 /// Six joints with horizontal and vertical axes, a SCARA with a sliding joint, and seven joints at odd angles.
 fn arms() -> [Robot; 3] {
-    let parsed = |text: &str| parse_robot("an arm", text).unwrap_or_else(|errors| panic!("{errors}"));
-    [
-        er3a(),
-        parsed(include_str!("../../../../config/robots/scara.toml")),
-        parsed(include_str!("../../../../tests/reference/seven_joints.toml")),
-    ]
+    [er3a(), scara(), described(include_str!("../../../../tests/reference/seven_joints.toml"))]
 }
 
 fn method(robot: Robot) -> Method {

@@ -102,7 +102,7 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
         let own = motion.map(|of| of[i]);
         let next = frame.next(link, own);
         axes[i] = (next.rotation.column(2).into_owned(), next.origin);
-        let felt = |drive: &Drive, j: usize| match chain.links[j].kind {
+        let felt = |drive: &BodyForce, j: usize| match chain.links[j].kind {
             JointKind::Revolute => {
                 axes[j].0.dot(&((drive.centre - axes[j].1).cross(&drive.force) + drive.moment))
             }
@@ -127,7 +127,7 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
 }
 
 /// Force through a body's centre of mass and moment about it, for a given motion.
-struct Drive {
+struct BodyForce {
     centre: Vector3<f64>,
     force: Vector3<f64>,
     moment: Vector3<f64>,
@@ -165,14 +165,14 @@ impl LinkFrame {
     }
 
     /// Force and moment that move a body with this frame.
-    fn drive(&self, body: &Body, gravity: &Vector3<f64>) -> Drive {
+    fn drive(&self, body: &Body, gravity: &Vector3<f64>) -> BodyForce {
         let lever = self.rotation * body.centre;
         let centre_acceleration = self.acceleration
             + self.angular_acceleration.cross(&lever)
             + self.angular_velocity.cross(&self.angular_velocity.cross(&lever));
         // Turning two vectors into the link is cheaper than turning its inertia into the world.
         let spin = body.inertia * self.rotation.tr_mul(&self.angular_velocity);
-        Drive {
+        BodyForce {
             centre: self.origin + lever,
             force: body.mass * (centre_acceleration - gravity),
             moment: self.rotation * (body.inertia * self.rotation.tr_mul(&self.angular_acceleration))

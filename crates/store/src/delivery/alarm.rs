@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, Row};
 
 use super::event::told;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::alarms::alarm_state::EventKind;
@@ -87,7 +87,7 @@ pub(super) const COLUMNS: &str = "
     anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
 
 /// Reads a row of [`COLUMNS`]; `None` for an event that is never announced.
-pub(super) fn from_row(row: &EngineRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
+pub(super) fn from_row(row: &EngineRow) -> sqlx::Result<Option<AlarmEvent>> {
     let Some(what) = told(row.try_get("what")?) else { return Ok(None) };
     let onset_at = match row.try_get::<Option<i64>, _>("onset_at")? {
         Some(_) => Some(time(row, "onset_at")?),
@@ -128,7 +128,7 @@ pub(super) async fn complete(
     connection: &mut EngineConnection,
     route_id: i64,
     event: &mut AlarmEvent,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     event.series = series(&mut *connection, event).await?;
     event.told_before = told_before(connection, route_id, event).await?;
     Ok(())
@@ -137,7 +137,7 @@ pub(super) async fn complete(
 async fn series(
     executor: impl EngineExecutor<'_>,
     event: &AlarmEvent,
-) -> Result<Vec<(Timestamp, f64)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(Timestamp, f64)>> {
     // an RMSD's swing has no value per test
     if event.kind == AnomalyKind::Oscillation {
         return Ok(Vec::new());
@@ -163,9 +163,7 @@ async fn series(
          ORDER BY started_at, run_id"
     );
     sqlx::query(AssertSqlSafe(statement))
-        .bind(&event.robot)
-        .bind(event.joint)
-        .bind(SERIES_RUNS)
+        .bind_all((&event.robot, event.joint, SERIES_RUNS))
         .try_map(|row: EngineRow| Ok((time(&row, "started_at")?, row.try_get("value")?)))
         .fetch_all(executor)
         .await
@@ -175,7 +173,7 @@ async fn told_before(
     executor: impl EngineExecutor<'_>,
     route_id: i64,
     event: &AlarmEvent,
-) -> Result<Vec<(String, String)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(String, String)>> {
     sqlx::query_as(
         "SELECT DISTINCT told_kind, told_severity
          FROM delivery
@@ -184,43 +182,31 @@ async fn told_before(
                AND (told_kind <> $3 OR told_severity <> $4)
          ORDER BY told_kind, told_severity",
     )
-    .bind(route_id)
-    .bind(event.anomaly_id)
-    .bind(event.kind.name())
-    .bind(event.severity.name())
+    .bind_all((route_id, event.anomaly_id, event.kind.name(), event.severity.name()))
     .fetch_all(executor)
     .await
 }
 
 impl Store {
     /// Identity of this database, which distinguishes it from others at a common receiver.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn identity(&self) -> Result<String, StoreError> {
         let identity = sqlx::query_scalar("SELECT identity FROM database_identity").fetch_one(&self.readers);
         self.checked(identity.await)
     }
 
     /// Open alarms, lowest number first: for each the latest event that calls for attention.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn open_alarms(&self) -> Result<Vec<AlarmEvent>, StoreError> {
         self.checked(open_alarms(&self.readers).await)
     }
 
     /// Alarms that are open for the receiver of a route: for each anomaly that is not closed, the latest event sent to
     /// the receiver. Omits one that was closed while the receiver could not be reached.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn told_alarms(&self, route_id: i64) -> Result<Vec<AlarmEvent>, StoreError> {
         self.checked(told_alarms(&self.readers, route_id).await)
     }
 }
 
-pub(super) async fn open_alarms(executor: impl EngineExecutor<'_>) -> Result<Vec<AlarmEvent>, sqlx::Error> {
+pub(super) async fn open_alarms(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<AlarmEvent>> {
     let statement = format!(
         "SELECT {COLUMNS}
          FROM anomaly
@@ -238,10 +224,7 @@ pub(super) async fn open_alarms(executor: impl EngineExecutor<'_>) -> Result<Vec
     Ok(rows.into_iter().flatten().collect())
 }
 
-async fn told_alarms(
-    executor: impl EngineExecutor<'_>,
-    route_id: i64,
-) -> Result<Vec<AlarmEvent>, sqlx::Error> {
+async fn told_alarms(executor: impl EngineExecutor<'_>, route_id: i64) -> sqlx::Result<Vec<AlarmEvent>> {
     let statement = format!(
         "SELECT {COLUMNS}, told_kind
          FROM delivery

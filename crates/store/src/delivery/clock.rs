@@ -6,7 +6,7 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::AssertSqlSafe;
 
 use super::routes::RouteEntry;
-use crate::engine::EngineRow;
+use crate::engine::{Bind, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::known_time;
@@ -45,10 +45,7 @@ impl Store {
                      WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $4) AS sent_at"
         );
         let found = sqlx::query(AssertSqlSafe(found))
-            .bind(route.route_id)
-            .bind(paused_until)
-            .bind(held_until)
-            .bind(limit(SignedDuration::ZERO))
+            .bind_all((route.route_id, paused_until, held_until, limit(SignedDuration::ZERO)))
             .try_map(|row: EngineRow| {
                 let waits = known_time(&row, "due_at")?.max(known_time(&row, "retry_at")?);
                 Ok((waits, known_time(&row, "sent_at")?))
@@ -58,16 +55,12 @@ impl Store {
         if waits.is_some() {
             let mut transaction = self.begin_on(route).await?;
             let due = sqlx::query(AssertSqlSafe(format!("UPDATE delivery SET due_at = $4 WHERE {AHEAD}")))
-                .bind(route.route_id)
-                .bind(paused_until)
-                .bind(held_until)
-                .bind(now.as_microsecond());
+                .bind_all((route.route_id, paused_until, held_until, now.as_microsecond()));
             self.checked(due.execute(&mut *transaction).await)?;
             let reached = sqlx::query(
                 "UPDATE delivery_route SET retry_at = NULL WHERE delivery_route_id = $1 AND retry_at > $2",
             )
-            .bind(route.route_id)
-            .bind(paused_until);
+            .bind_all((route.route_id, paused_until));
             self.checked(reached.execute(&mut *transaction).await)?;
             self.commit(transaction).await?;
         }

@@ -8,7 +8,7 @@ use sqlx::{AssertSqlSafe, Row};
 use super::alarm::{self, AlarmEvent, COLUMNS};
 use super::clock::NOT_AHEAD;
 use super::routes::{Held, RouteEntry};
-use crate::engine::{EngineConnection, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::attempts::{self, Attempt, AttemptKind};
@@ -73,9 +73,6 @@ pub enum Again {
 impl Store {
     /// State of a route. Counts the messages sent within `window` before `now`; omits those that a fast clock dated
     /// after `now`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn route_state(
         &self,
         route_id: i64,
@@ -93,9 +90,7 @@ impl Store {
                         AS first_sent_at
              FROM delivery_route WHERE delivery_route_id = $1",
         )
-        .bind(route_id)
-        .bind((now - window).as_microsecond())
-        .bind((now + NOT_AHEAD).as_microsecond())
+        .bind_all((route_id, (now - window).as_microsecond(), (now + NOT_AHEAD).as_microsecond()))
         .try_map(|row: EngineRow| {
             let moment = |column| match row.try_get::<Option<i64>, _>(column)? {
                 Some(_) => time(&row, column).map(Some),
@@ -146,10 +141,7 @@ impl Store {
             "UPDATE delivery SET held = $1, due_at = $2
              WHERE delivery_route_id = $3 AND state = 'pending' AND digest IS NULL AND due_at <= $4",
         )
-        .bind(held.name())
-        .bind(until.as_microsecond())
-        .bind(route.route_id)
-        .bind(now.as_microsecond());
+        .bind_all((held.name(), until.as_microsecond(), route.route_id, now.as_microsecond()));
         let held = self.checked(statement.execute(&mut *transaction).await)?.rows_affected();
         self.commit(transaction).await?;
         Ok(held)
@@ -171,9 +163,7 @@ impl Store {
             "UPDATE delivery SET held = $1, due_at = $2
              WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($3))",
         )
-        .bind(held.name())
-        .bind(until.as_microsecond())
-        .bind(ids(message));
+        .bind_all((held.name(), until.as_microsecond(), ids(message)));
         self.checked(statement.execute(&mut *transaction).await)?;
         self.commit(transaction).await
     }
@@ -198,10 +188,7 @@ impl Store {
                      first_attempted_at = coalesce(first_attempted_at, $4)
                  WHERE delivery_id = $5 AND state = 'pending'",
             )
-            .bind(now.as_microsecond())
-            .bind(alarm.kind.name())
-            .bind(alarm.severity.name())
-            .bind(now.as_microsecond())
+            .bind_all((now.as_microsecond(), alarm.kind.name(), alarm.severity.name(), now.as_microsecond()))
             .bind(delivery_id);
             if self.checked(begun.execute(&mut *transaction).await)?.rows_affected() == 0 {
                 self.checked(transaction.rollback().await)?;
@@ -230,9 +217,6 @@ impl Store {
     }
 
     /// Returns true if the next attempt at a message is the last one, since earlier ones have ended the program.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn is_last_attempt(&self, message: &DueMessage) -> Result<bool, StoreError> {
         let mut failed = 0;
         for delivery_id in &message.delivery_ids {
@@ -257,8 +241,7 @@ impl Store {
             "UPDATE delivery SET state = 'sent', sent_at = $1, error = NULL
              WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2))",
         )
-        .bind(now.as_microsecond())
-        .bind(ids(message));
+        .bind_all((now.as_microsecond(), ids(message)));
         self.checked(sent.execute(&mut *transaction).await)?;
         self.checked(attempts::end_deliveries(&mut *transaction, &ids(message)).await)?;
         let reached = sqlx::query(
@@ -294,10 +277,7 @@ impl Store {
                  state = CASE WHEN first_attempted_at <= $3 THEN 'failed' ELSE state END
              WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($4))",
         )
-        .bind(error)
-        .bind(due_at)
-        .bind(begun_before)
-        .bind(ids(message));
+        .bind_all((error, due_at, begun_before, ids(message)));
         self.checked(failed.execute(&mut *transaction).await)?;
         self.checked(attempts::end_deliveries(&mut *transaction, &ids(message)).await)?;
         let after = match again {
@@ -330,7 +310,7 @@ async fn next_message(
     connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
-) -> Result<Option<DueMessage>, sqlx::Error> {
+) -> sqlx::Result<Option<DueMessage>> {
     compose_digest(&mut *connection, route_id, now).await?;
     let first = sqlx::query(
         "SELECT delivery_id, digest
@@ -346,8 +326,7 @@ async fn next_message(
          ORDER BY attempts, anomaly_event.anomaly_event_id
          LIMIT 1",
     )
-    .bind(route_id)
-    .bind(now.as_microsecond())
+    .bind_all((route_id, now.as_microsecond()))
     .fetch_optional(&mut *connection)
     .await?;
     let Some(first) = first else { return Ok(None) };
@@ -363,9 +342,7 @@ async fn next_message(
          ORDER BY anomaly_event_id"
     );
     let rows = sqlx::query(AssertSqlSafe(statement))
-        .bind(route_id)
-        .bind(delivery_id)
-        .bind(digest)
+        .bind_all((route_id, delivery_id, digest))
         .fetch_all(&mut *connection)
         .await?;
     let mut message = DueMessage { delivery_ids: Vec::new(), digest, alarms: Vec::new(), attempts: 0 };
@@ -385,12 +362,11 @@ async fn compose_digest(
     connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     const DUE: &str = "delivery_route_id = $1 AND state = 'pending' AND digest IS NULL AND due_at <= $2";
     let any = format!("SELECT EXISTS (SELECT 1 FROM delivery WHERE {DUE} AND held IN ('digest', 'flood'))");
     let any: bool = sqlx::query_scalar(AssertSqlSafe(any))
-        .bind(route_id)
-        .bind(now.as_microsecond())
+        .bind_all((route_id, now.as_microsecond()))
         .fetch_one(&mut *connection)
         .await?;
     if !any {
@@ -404,10 +380,7 @@ async fn compose_digest(
          WHERE delivery_route_id = $1 AND anomaly_event_id IN ({chosen})"
     );
     sqlx::query(AssertSqlSafe(statement))
-        .bind(route_id)
-        .bind(now.as_microsecond())
-        .bind(DIGEST_ALARMS)
-        .execute(connection)
-        .await?;
-    Ok(())
+        .bind_all((route_id, now.as_microsecond(), DIGEST_ALARMS))
+        .run(connection)
+        .await
 }

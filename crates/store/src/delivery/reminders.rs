@@ -12,9 +12,6 @@ use crate::handle::Store;
 impl Store {
     /// Stores an event `overdue` for every open alarm that has had no event calling for attention for `after` and that
     /// no one has answered. Alarms are anomalies of severity warning or critical. Returns their number.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remind(&self, now: Timestamp, after: Duration) -> Result<u64, StoreError> {
         let since = now.as_microsecond().saturating_sub(i64::try_from(after.as_micros()).unwrap_or(i64::MAX));
         let silent = format!(

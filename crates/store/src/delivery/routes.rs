@@ -5,7 +5,7 @@ use sqlx::{AssertSqlSafe, Row};
 
 use super::alarm::{self, AlarmEvent, COLUMNS};
 use super::event::{SPEAKING, TOLD};
-use crate::engine::{EngineConnection, EngineTransaction};
+use crate::engine::{Bind, EngineConnection, EngineTransaction, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::alarms::alarm_state::EventKind;
@@ -66,9 +66,6 @@ pub struct RouteEntry {
 impl Store {
     /// Enters a route of the configuration. A new one begins with the open alarms that `judge` selects, each by its
     /// latest event. Earlier events are not sent.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn enter_route(
         &self,
         name: &str,
@@ -103,8 +100,7 @@ impl Store {
                  JOIN delivery_route ON delivery_route.name = claim.subject
                  WHERE claim.kind = 'route' AND delivery_route_id = $1 AND host_session_id = $2)",
         )
-        .bind(route.route_id)
-        .bind(session);
+        .bind_all((route.route_id, session));
         let is_claimed: bool = self.checked(claimed.fetch_one(&mut *transaction).await)?;
         if is_claimed {
             Ok(transaction)
@@ -114,9 +110,6 @@ impl Store {
     }
 
     /// Ends the routes whose names are not given: events that they have not sent are suppressed.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn retire_routes(&self, names: &[&str]) -> Result<u64, StoreError> {
         let mut transaction = self.begin().await?;
         let retired = self.checked(retire_routes(&mut transaction, names).await)?;
@@ -157,7 +150,7 @@ async fn enter_route(
     name: &str,
     now: Timestamp,
     judge: impl Fn(&AlarmEvent) -> EventFate,
-) -> Result<RouteEntry, sqlx::Error> {
+) -> sqlx::Result<RouteEntry> {
     let known = sqlx::query("SELECT delivery_route_id, retired FROM delivery_route WHERE name = $1")
         .bind(name)
         .fetch_optional(&mut *connection)
@@ -183,7 +176,7 @@ async fn enter_route(
     Ok(RouteEntry { route_id, is_new: true, session: None })
 }
 
-async fn retire_routes(connection: &mut EngineConnection, names: &[&str]) -> Result<u64, sqlx::Error> {
+async fn retire_routes(connection: &mut EngineConnection, names: &[&str]) -> sqlx::Result<u64> {
     let names = serde_json::Value::from_iter(names.iter().copied()).to_string();
     let gone = "name NOT IN (SELECT value FROM json_each($1)) AND NOT retired";
     let statement = format!(
@@ -202,7 +195,7 @@ async fn hand_on(
     route_id: i64,
     now: Timestamp,
     judge: impl Fn(&AlarmEvent) -> EventFate,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     // events that are never announced count as seen too
     let last: i64 = sqlx::query_scalar(
         "SELECT coalesce(max(anomaly_event_id), 0) FROM (
@@ -210,8 +203,7 @@ async fn hand_on(
              WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1)
              ORDER BY anomaly_event_id LIMIT $2) AS next",
     )
-    .bind(route_id)
-    .bind(EVENTS_AT_ONCE)
+    .bind_all((route_id, EVENTS_AT_ONCE))
     .fetch_one(&mut *connection)
     .await?;
     let statement = format!(
@@ -224,8 +216,7 @@ async fn hand_on(
          ORDER BY anomaly_event_id"
     );
     let events = sqlx::query(AssertSqlSafe(statement))
-        .bind(route_id)
-        .bind(last)
+        .bind_all((route_id, last))
         .try_map(|row| alarm::from_row(&row))
         .fetch_all(&mut *connection)
         .await?;
@@ -235,11 +226,9 @@ async fn hand_on(
     sqlx::query(
         "UPDATE delivery_route SET seen_event_id = max(seen_event_id, $1) WHERE delivery_route_id = $2",
     )
-    .bind(last)
-    .bind(route_id)
-    .execute(connection)
-    .await?;
-    Ok(())
+    .bind_all((last, route_id))
+    .run(connection)
+    .await
 }
 
 /// Stores the fate of one event on one route.
@@ -249,7 +238,7 @@ async fn settle(
     now: Timestamp,
     event: &AlarmEvent,
     fate: EventFate,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if event.what.closes() {
         spare_untold(&mut *connection, route_id, event).await?;
         if !is_told(&mut *connection, route_id, event).await? {
@@ -272,16 +261,10 @@ async fn settle(
              digest = NULL
          WHERE delivery.state = 'suppressed'",
     )
-    .bind(route_id)
-    .bind(event.event_id)
-    .bind(state)
-    .bind(held.map(Held::name))
-    .bind(now.as_microsecond())
-    .bind(due_at.as_microsecond())
-    .bind(error)
-    .execute(connection)
-    .await?;
-    Ok(())
+    .bind_all((route_id, event.event_id, state, held.map(Held::name), now.as_microsecond()))
+    .bind_all((due_at.as_microsecond(), error))
+    .run(connection)
+    .await
 }
 
 /// Suppresses the waiting messages about an anomaly that was withdrawn or marked as a false alarm before they were
@@ -290,7 +273,7 @@ async fn spare_untold(
     connection: &mut EngineConnection,
     route_id: i64,
     event: &AlarmEvent,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if !matches!(event.what, EventKind::Withdrawn | EventKind::FalseAlarm) {
         return Ok(());
     }
@@ -300,21 +283,13 @@ async fn spare_untold(
                AND anomaly_event_id IN (
                    SELECT anomaly_event_id FROM anomaly_event WHERE anomaly_id = $3 AND anomaly_event_id < $4)",
     )
-    .bind(event.what.name())
-    .bind(route_id)
-    .bind(event.anomaly_id)
-    .bind(event.event_id)
-    .execute(connection)
-    .await?;
-    Ok(())
+    .bind_all((event.what.name(), route_id, event.anomaly_id, event.event_id))
+    .run(connection)
+    .await
 }
 
 /// True if the route's latest event of the anomaly, sent or waiting, calls for attention.
-async fn is_told(
-    connection: &mut EngineConnection,
-    route_id: i64,
-    event: &AlarmEvent,
-) -> Result<bool, sqlx::Error> {
+async fn is_told(connection: &mut EngineConnection, route_id: i64, event: &AlarmEvent) -> sqlx::Result<bool> {
     let statement = format!(
         "SELECT coalesce((
              SELECT earlier.what IN {SPEAKING}
@@ -327,9 +302,7 @@ async fn is_told(
          ), FALSE)"
     );
     sqlx::query_scalar(AssertSqlSafe(statement))
-        .bind(route_id)
-        .bind(event.anomaly_id)
-        .bind(event.event_id)
+        .bind_all((route_id, event.anomaly_id, event.event_id))
         .fetch_one(connection)
         .await
 }

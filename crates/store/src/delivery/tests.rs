@@ -8,6 +8,7 @@ use tempfile::TempDir;
 use super::alarm::AlarmEvent;
 use super::queue::{Again, DueMessage, RouteState, SendDecision};
 use super::routes::{EventFate, Held, RouteEntry};
+use crate::engine::Bind;
 use crate::handle::Store;
 use crate::tests::support::{assert_sound, day, fresh};
 use armwatch_model::anomaly::Severity;
@@ -45,9 +46,7 @@ impl Outbox {
             "INSERT INTO anomaly_event (anomaly_id, at, what, severity, score, value, message)
              VALUES ($1, $2, $3, 'warning', 0.2, 1.2, 'friction rose') RETURNING anomaly_event_id",
         )
-        .bind(anomaly_id)
-        .bind(at.as_microsecond())
-        .bind(what)
+        .bind_all((anomaly_id, at.as_microsecond(), what))
         .fetch_one(&self.store.writer)
         .await
         .expect("an event")

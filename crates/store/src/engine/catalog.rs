@@ -3,7 +3,7 @@
 use super::{Dialect, EnginePool, dialect};
 
 /// Views with their columns, by name and in order.
-pub(crate) async fn views(readers: &EnginePool) -> Result<Vec<(String, String)>, sqlx::Error> {
+pub(crate) async fn views(readers: &EnginePool) -> sqlx::Result<Vec<(String, String)>> {
     sqlx::query_as(match dialect(readers) {
         Dialect::Sqlite => {
             "SELECT view.name, of.name
@@ -23,7 +23,7 @@ pub(crate) async fn views(readers: &EnginePool) -> Result<Vec<(String, String)>,
 }
 
 /// Columns of one view, which the engine derives from its statement; empty if there is no such view.
-pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> Result<Vec<String>, sqlx::Error> {
+pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> sqlx::Result<Vec<String>> {
     sqlx::query_scalar(match dialect(readers) {
         Dialect::Sqlite => {
             "SELECT of.name
@@ -46,7 +46,7 @@ pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> Result<
 
 /// A number that changes when another connection has committed. On a server it changes with every transaction, also in
 /// other databases.
-pub(crate) async fn data_version(probe: &EnginePool) -> Result<i64, sqlx::Error> {
+pub(crate) async fn data_version(probe: &EnginePool) -> sqlx::Result<i64> {
     sqlx::query_scalar(match dialect(probe) {
         Dialect::Sqlite => "PRAGMA data_version",
         Dialect::Postgres => "SELECT CAST(CAST(pg_snapshot_xmax(pg_current_snapshot()) AS text) AS bigint)",
@@ -56,7 +56,7 @@ pub(crate) async fn data_version(probe: &EnginePool) -> Result<i64, sqlx::Error>
 }
 
 /// Size of the database on its server, bytes.
-pub(crate) async fn bytes_on_server(readers: &EnginePool) -> Result<i64, sqlx::Error> {
+pub(crate) async fn bytes_on_server(readers: &EnginePool) -> sqlx::Result<i64> {
     sqlx::query_scalar("SELECT pg_database_size(current_database())").fetch_one(readers).await
 }
 

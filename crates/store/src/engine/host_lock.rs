@@ -44,7 +44,7 @@ impl HostLock {
     }
 
     /// Takes the lock with the connection that writes; returns true if it was free.
-    pub(crate) async fn claim(&self, writer: &EnginePool) -> Result<bool, sqlx::Error> {
+    pub(crate) async fn claim(&self, writer: &EnginePool) -> sqlx::Result<bool> {
         let mut connection = writer.acquire().await?;
         let deadline = Instant::now() + PATIENCE;
         let mut is_taken = self.take(&mut connection).await?;
@@ -71,7 +71,7 @@ impl HostLock {
         }
     }
 
-    async fn take(&self, connection: &mut EngineConnection) -> Result<bool, sqlx::Error> {
+    async fn take(&self, connection: &mut EngineConnection) -> sqlx::Result<bool> {
         let key = "pg_catalog.hashtextextended('armwatch daemon ' || $1, 0)";
         let taken = format!("SELECT pg_catalog.pg_try_advisory_lock({key})");
         let taken = sqlx::query_scalar(sqlx::AssertSqlSafe(taken)).bind(self.host.to_string());

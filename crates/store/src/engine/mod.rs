@@ -8,9 +8,11 @@
 pub(crate) mod catalog;
 pub(crate) mod host_lock;
 mod either;
+mod places;
 pub(crate) mod sqlstate;
 
 pub(crate) use self::either::{Engine, EngineArguments, EngineConnectOptions, EngineConnection, EngineRow};
+pub(crate) use self::places::{Bind, Run};
 
 /// A pool of connections.
 pub(crate) type EnginePool = sqlx::Pool<Engine>;
@@ -43,7 +45,7 @@ pub(crate) fn dialect(pool: &EnginePool) -> Dialect {
 
 /// A transaction that has the write lock. A deferred one that reads first and writes later would fail at once where
 /// this one waits.
-pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
+pub(crate) async fn begin_writing(writer: &EnginePool) -> sqlx::Result<EngineTransaction> {
     match dialect(writer) {
         Dialect::Sqlite => writer.begin_with("BEGIN IMMEDIATE").await,
         // the lock is the same for all transactions that write, in all programs; it ends with the transaction
@@ -57,7 +59,7 @@ pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransacti
 }
 
 /// A transaction that sees the database at the moment of its first read.
-pub(crate) async fn begin_reading(readers: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
+pub(crate) async fn begin_reading(readers: &EnginePool) -> sqlx::Result<EngineTransaction> {
     match dialect(readers) {
         Dialect::Sqlite => readers.begin().await,
         Dialect::Postgres => readers.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY").await,

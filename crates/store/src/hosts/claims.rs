@@ -5,17 +5,16 @@
 use std::collections::HashSet;
 
 use super::kinds::ClaimKind;
-use crate::engine::EngineExecutor;
+use crate::engine::{Bind, EngineExecutor, Run};
 
 /// The session that has claimed a subject.
 pub(crate) async fn holder(
     executor: impl EngineExecutor<'_>,
     kind: ClaimKind,
     subject: &str,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar("SELECT host_session_id FROM claim WHERE kind = $1 AND subject = $2")
-        .bind(kind.name())
-        .bind(subject)
+        .bind_all((kind.name(), subject))
         .fetch_optional(executor)
         .await
 }
@@ -26,7 +25,7 @@ pub(crate) async fn claim(
     kind: ClaimKind,
     subject: &str,
     session: i64,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     let done = sqlx::query(
         "INSERT INTO claim (kind, subject, host_session_id, claimed_at)
          SELECT $1, $2, host_session_id, clock_us() FROM host_session
@@ -35,9 +34,7 @@ pub(crate) async fn claim(
          ON CONFLICT (kind, subject) DO UPDATE SET claimed_at = excluded.claimed_at
          WHERE claim.host_session_id = excluded.host_session_id",
     )
-    .bind(kind.name())
-    .bind(subject)
-    .bind(session)
+    .bind_all((kind.name(), subject, session))
     .execute(executor)
     .await?;
     Ok(done.rows_affected() > 0)
@@ -48,21 +45,18 @@ pub(crate) async fn release(
     kind: ClaimKind,
     subject: &str,
     session: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM claim WHERE kind = $1 AND subject = $2 AND host_session_id = $3")
-        .bind(kind.name())
-        .bind(subject)
-        .bind(session)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((kind.name(), subject, session))
+        .run(executor)
+        .await
 }
 
 /// Runs that other sessions have claimed.
 pub(crate) async fn runs_of_others(
     executor: impl EngineExecutor<'_>,
     session: i64,
-) -> Result<HashSet<i64>, sqlx::Error> {
+) -> sqlx::Result<HashSet<i64>> {
     let runs: Vec<i64> = sqlx::query_scalar(
         "SELECT CAST(subject AS bigint) FROM claim WHERE kind = 'run' AND host_session_id <> $1",
     )
@@ -77,12 +71,11 @@ pub(crate) async fn is_of_another(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     session: i64,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM claim WHERE kind = 'run' AND subject = CAST($1 AS text) AND host_session_id <> $2)",
     )
-    .bind(run_id)
-    .bind(session)
+    .bind_all((run_id, session))
     .fetch_one(executor)
     .await
 }

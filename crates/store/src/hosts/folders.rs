@@ -23,9 +23,6 @@ pub struct UnansweredFolder {
 
 impl Store {
     /// Stores that a watched folder does not answer, with the time of its last scan, or that it answers again.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn note_folder(
         &self,
         folder: &str,
@@ -49,9 +46,6 @@ impl Store {
     }
 
     /// Deletes the entries of this host's last daemon by [`Store::note_folder`].
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn forget_folders(&self) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let forgotten =
@@ -61,9 +55,6 @@ impl Store {
     }
 
     /// The watched folders that do not answer, by host and name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unanswered_folders(&self) -> Result<Vec<UnansweredFolder>, StoreError> {
         let rows = sqlx::query("SELECT host, folder, looked_at FROM unanswered_folder ORDER BY host, folder");
         let rows = rows.try_map(|row: EngineRow| {

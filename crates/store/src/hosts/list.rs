@@ -60,9 +60,6 @@ impl HostRow {
 
 impl Store {
     /// The daemons that have worked on a database of a server, by name; empty for a file.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn hosts(&self) -> Result<Vec<HostRow>, StoreError> {
         let rows = sqlx::query("SELECT host, state, end_reason, seen_at FROM hosts ORDER BY host");
         let rows = rows.try_map(|row: EngineRow| {

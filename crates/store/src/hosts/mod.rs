@@ -39,9 +39,6 @@ impl HostSession {
 impl Store {
     /// Joins the programs that write to a database on a server, each with a session and a lease. A database in a file
     /// needs no session. For a daemon, [`Store::claim`] comes first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn join(&self, kind: SessionKind) -> Result<HostSession, StoreError> {
         let joined = match self.dialect() {
             Dialect::Sqlite => None,
@@ -56,9 +53,6 @@ impl Store {
     }
 
     /// Claims a subject for this program; `false` if another one works on it. Repeating a claim succeeds.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn claim_work(&self, kind: ClaimKind, subject: &str) -> Result<bool, StoreError> {
         let Some(session) = self.session() else { return Ok(true) };
         // lasting claims are checked often, but written only the first time
@@ -81,9 +75,6 @@ impl Store {
     }
 
     /// Runs that other programs are reading.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn runs_of_others(&self) -> Result<HashSet<i64>, StoreError> {
         match self.session() {
             Some(session) => self.checked(claims::runs_of_others(&self.readers, session).await),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use tokio::task::JoinHandle;
 
 use super::kinds::SessionKind;
-use crate::engine::{EngineExecutor, begin_writing};
+use crate::engine::{Bind, EngineExecutor, Run, begin_writing};
 use crate::error::StoreError;
 use crate::handle::Store;
 
@@ -66,8 +66,7 @@ async fn begin(store: &Store, kind: SessionKind) -> Result<i64, StoreError> {
         SessionKind::Daemon => "daemon",
         SessionKind::Command => "command",
     })
-    .bind(env!("CARGO_PKG_VERSION"))
-    .bind(microseconds(store.own_host.lease()));
+    .bind_all((env!("CARGO_PKG_VERSION"), microseconds(store.own_host.lease())));
     let session: i64 = store.checked(begun.fetch_one(&mut *transaction).await)?;
     store.commit(transaction).await?;
     store.own_host.set_session(session);
@@ -126,17 +125,12 @@ async fn begin_again(store: &Store, kind: SessionKind) -> Result<i64, StoreError
 }
 
 /// Extends a lease; `false` if its session has ended.
-async fn extend(
-    executor: impl EngineExecutor<'_>,
-    session: i64,
-    lease: Duration,
-) -> Result<bool, sqlx::Error> {
+async fn extend(executor: impl EngineExecutor<'_>, session: i64, lease: Duration) -> sqlx::Result<bool> {
     let done = sqlx::query(
         "UPDATE host_session SET seen_at = clock_us(), alive_until = clock_us() + $2
          WHERE host_session_id = $1 AND ended_at IS NULL",
     )
-    .bind(session)
-    .bind(microseconds(lease))
+    .bind_all((session, microseconds(lease)))
     .execute(executor)
     .await?;
     Ok(done.rows_affected() > 0)
@@ -181,11 +175,10 @@ async fn leave(store: &Store, session: i64) -> Result<(), StoreError> {
 }
 
 /// Deletes the claims of sessions that have ended.
-async fn free_claims(executor: impl EngineExecutor<'_>) -> Result<(), sqlx::Error> {
+async fn free_claims(executor: impl EngineExecutor<'_>) -> sqlx::Result<()> {
     let freed = "DELETE FROM claim USING host_session AS ended
                  WHERE ended.host_session_id = claim.host_session_id AND ended.ended_at IS NOT NULL";
-    sqlx::query(freed).execute(executor).await?;
-    Ok(())
+    sqlx::query(freed).run(executor).await
 }
 
 fn microseconds(time: Duration) -> i64 {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use sqlx::{FromRow, Row};
 
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow, EngineTransaction};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, EngineTransaction, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
@@ -35,7 +35,7 @@ pub struct OtherEstimate {
 }
 
 impl FromRow<'_, EngineRow> for OtherEstimate {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             run_id: row.try_get("run_id")?,
             robot: row.try_get("robot")?,
@@ -58,9 +58,6 @@ pub struct NewEstimate {
 impl Store {
     /// Stores which cycles cannot be identified again with the estimator `wanted`, and why: those without factors, and
     /// all cycles for an estimator that needs rows. Returns the number of cycles that were not marked before.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_estimates(&self, wanted: Estimator) -> Result<u64, StoreError> {
         // reading does not wait for another writer, and usually there is nothing to write
         if !self.checked(any_to_mark(&self.readers, wanted).await)? {
@@ -75,9 +72,6 @@ impl Store {
 
     /// Runs with cycles that were identified with another estimator than `wanted` and can be identified again, by
     /// start; for one robot, or for all.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn other_estimates(
         &self,
         wanted: Estimator,
@@ -87,9 +81,6 @@ impl Store {
     }
 
     /// Numbers of the cycles of a run that [`Store::other_estimates`] counts, ascending.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cycles_of_other_estimates(
         &self,
         run_id: i64,
@@ -99,9 +90,6 @@ impl Store {
     }
 
     /// Opens the transaction that replaces the estimates of a run's cycles by those of `estimator`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_estimates(
         &self,
         run_id: i64,
@@ -125,27 +113,18 @@ pub struct EstimateTransaction {
 impl EstimateTransaction {
     /// Replaces parameters, residuals and self-verification of a cycle by those of another estimator. Does nothing for
     /// a cycle that already has this estimator, or is gone.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace(&mut self, new: &NewEstimate) -> Result<(), StoreError> {
         let result = replace(&mut self.transaction, self.run_id, self.estimator, new).await;
         self.checked(result)
     }
 
     /// Reads the measurements of the run's cycles, including the replaced ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn measurements(&mut self) -> Result<RunMeasurements, StoreError> {
         let result = history::of_parameters(&mut self.transaction, self.run_id).await;
         self.checked(result)
     }
 
     /// Replaces the run's overall parameters and torque deviations, if it has ended.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_run_figures(
         &mut self,
         statistics: &[ParameterStatistics],
@@ -166,7 +145,7 @@ impl EstimateTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 }
@@ -196,24 +175,23 @@ pub(crate) const ANY_TO_MARK: &str = "SELECT EXISTS (
              SELECT 1 FROM cycle
              WHERE estimator = $3 AND samples IS NOT NULL AND estimator_wanted IN ($1, $2, $3))";
 
-async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<bool, sqlx::Error> {
+async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> sqlx::Result<bool> {
     let [first, second] = others_than(wanted);
     sqlx::query_scalar(ANY_TO_MARK).bind(first).bind(second).bind(wanted.name()).fetch_one(executor).await
 }
 
 /// Deletes reasons for an estimator that is no longer configured.
-async fn forget_reasons(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<(), sqlx::Error> {
+async fn forget_reasons(executor: impl EngineExecutor<'_>, wanted: Estimator) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE cycle SET estimator_wanted = NULL, estimator_reason = NULL
          WHERE estimator_wanted IS NOT NULL AND (estimator_wanted <> $1 OR estimator = $1)",
     )
     .bind(wanted.name())
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
-async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<u64, sqlx::Error> {
+async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> sqlx::Result<u64> {
     let [first, second] = others_than(wanted);
     let done = sqlx::query(
         "UPDATE cycle SET estimator_wanted = $3, estimator_reason = CASE WHEN $3 = 'huber' THEN $4 ELSE $5 END
@@ -221,11 +199,7 @@ async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Resu
                AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
                                                 WHERE torque_factor.cycle_id = cycle.cycle_id))",
     )
-    .bind(first)
-    .bind(second)
-    .bind(wanted.name())
-    .bind(NO_ROWS)
-    .bind(NO_FACTORS)
+    .bind_all((first, second, wanted.name(), NO_ROWS, NO_FACTORS))
     .execute(executor)
     .await?;
     Ok(done.rows_affected())
@@ -250,29 +224,22 @@ async fn others(
     executor: impl EngineExecutor<'_>,
     wanted: Estimator,
     robot_id: Option<i64>,
-) -> Result<Vec<OtherEstimate>, sqlx::Error> {
+) -> sqlx::Result<Vec<OtherEstimate>> {
     let [first, second] = others_than(wanted);
-    sqlx::query_as(OTHERS)
-        .bind(first)
-        .bind(second)
-        .bind(wanted.name())
-        .bind(robot_id)
-        .fetch_all(executor)
-        .await
+    sqlx::query_as(OTHERS).bind_all((first, second, wanted.name(), robot_id)).fetch_all(executor).await
 }
 
 async fn cycles_of(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     wanted: Estimator,
-) -> Result<Vec<u32>, sqlx::Error> {
+) -> sqlx::Result<Vec<u32>> {
     sqlx::query_scalar(
         "SELECT number FROM cycle
          WHERE run_id = $1 AND estimator <> $2 AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $2
          ORDER BY number",
     )
-    .bind(run_id)
-    .bind(wanted.name())
+    .bind_all((run_id, wanted.name()))
     .fetch_all(executor)
     .await
 }
@@ -282,7 +249,7 @@ async fn replace(
     run_id: i64,
     estimator: Estimator,
     new: &NewEstimate,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let Some(cycle_id) = cycle_of_other(&mut *connection, run_id, new.cycle, estimator).await? else {
         return Ok(());
     };
@@ -303,14 +270,12 @@ async fn cycle_of_other(
     run_id: i64,
     cycle: u32,
     estimator: Estimator,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar(
         "SELECT cycle_id FROM cycle
          WHERE run_id = $1 AND number = $2 AND estimator <> $3 AND samples IS NOT NULL",
     )
-    .bind(run_id)
-    .bind(cycle)
-    .bind(estimator.name())
+    .bind_all((run_id, cycle, estimator.name()))
     .fetch_optional(executor)
     .await
 }
@@ -320,17 +285,14 @@ async fn keep(
     cycle_id: i64,
     wanted: Estimator,
     reason: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE cycle SET estimator_wanted = $1, estimator_reason = $2 WHERE cycle_id = $3")
-        .bind(wanted.name())
-        .bind(format!("kept: {reason}"))
-        .bind(cycle_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((wanted.name(), format!("kept: {reason}"), cycle_id))
+        .run(executor)
+        .await
 }
 
-async fn delete_identification(connection: &mut EngineConnection, cycle_id: i64) -> Result<(), sqlx::Error> {
+async fn delete_identification(connection: &mut EngineConnection, cycle_id: i64) -> sqlx::Result<()> {
     for statement in [
         "DELETE FROM cycle_parameter WHERE cycle_id = $1",
         "DELETE FROM joint_residual WHERE cycle_id = $1",
@@ -341,15 +303,14 @@ async fn delete_identification(connection: &mut EngineConnection, cycle_id: i64)
     Ok(())
 }
 
-async fn name_warming_estimator(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+async fn name_warming_estimator(executor: impl EngineExecutor<'_>, cycle_id: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE warming_rmsd SET estimator = (SELECT estimator FROM cycle WHERE cycle_id = $1)
          WHERE cycle_id = $1 AND estimator IS NULL",
     )
     .bind(cycle_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn set_estimator(
@@ -357,28 +318,23 @@ async fn set_estimator(
     cycle_id: i64,
     estimator: Estimator,
     found: &Identification,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE cycle SET estimator = $1, error_basis = 'independent_rows', samples = $2, residual_std_nm = $3,
                           estimator_wanted = NULL, estimator_reason = NULL
          WHERE cycle_id = $4",
     )
-    .bind(estimator.name())
-    .bind(count(found.samples))
-    .bind(finite(found.residual_std))
-    .bind(cycle_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((estimator.name(), count(found.samples), finite(found.residual_std), cycle_id))
+    .run(executor)
+    .await
 }
 
-async fn change_history(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn change_history(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE robot SET history = history + 1
          WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = $1 AND status = 'complete')",
     )
     .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Serialize;
 use sqlx::{QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
@@ -44,9 +44,6 @@ pub struct SourceCycle {
 
 impl Store {
     /// Reads the parameters of one cycle, in no particular order; none for a refused or unknown one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cycle_parameters(
         &self,
         run_id: i64,
@@ -56,9 +53,6 @@ impl Store {
     }
 
     /// Stores parameters under a name. Returns `false` and stores nothing if the name is in use.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn save_parameter_set(&self, name: &str, set: &ParameterSet) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let saved = self.checked(save(&mut transaction, name, set).await)?;
@@ -67,9 +61,6 @@ impl Store {
     }
 
     /// Reads the parameters stored under a name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn parameter_set(&self, name: &str) -> Result<Option<ParameterSet>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(find(&mut connection, name).await)
@@ -77,9 +68,6 @@ impl Store {
 
     /// Stores how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given by
     /// their numbers. Replaces earlier results for these cycles; stores all or nothing.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn store_cross_verification(
         &self,
         run_id: i64,
@@ -102,7 +90,7 @@ pub(crate) async fn save(
     connection: &mut EngineConnection,
     name: &str,
     set: &ParameterSet,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     let Some(set_id) = insert_set(&mut *connection, name, set).await? else { return Ok(false) };
     let keys = models::parameter_keys(&mut *connection, set.model.robot_model_id).await?;
     for rows in set.identification.parameters.chunks(ROWS_PER_STATEMENT) {
@@ -118,7 +106,7 @@ pub(crate) async fn save(
 pub(crate) async fn find(
     connection: &mut EngineConnection,
     name: &str,
-) -> Result<Option<ParameterSet>, sqlx::Error> {
+) -> sqlx::Result<Option<ParameterSet>> {
     let Some((set_id, mut set)) = read_set(&mut *connection, name).await? else { return Ok(None) };
     set.identification.parameters = read_values(&mut *connection, set_id).await?;
     set.sources = read_sources(connection, set_id).await?;
@@ -130,7 +118,7 @@ pub(crate) async fn of_cycle(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
-) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
+) -> sqlx::Result<Vec<IdentifiedParameter>> {
     sqlx::query(
         "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM cycle
@@ -138,8 +126,7 @@ pub(crate) async fn of_cycle(
          JOIN model_parameter USING (model_parameter_id)
          WHERE run_id = $1 AND number = $2",
     )
-    .bind(run_id)
-    .bind(cycle)
+    .bind_all((run_id, cycle))
     .try_map(|row| identified(&row))
     .fetch_all(executor)
     .await
@@ -152,7 +139,7 @@ async fn replace_cross(
     cycle: u32,
     reference: (i64, Estimator),
     rmsd: &[TorqueRmsd],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let Some(cycle_id) = cycle_id(&mut *connection, run_id, cycle).await? else { return Ok(()) };
     delete_cross(&mut *connection, cycle_id, reference.0).await?;
     for rows in rmsd.chunks(ROWS_PER_STATEMENT) {
@@ -161,14 +148,9 @@ async fn replace_cross(
     Ok(())
 }
 
-async fn cycle_id(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    cycle: u32,
-) -> Result<Option<i64>, sqlx::Error> {
+async fn cycle_id(executor: impl EngineExecutor<'_>, run_id: i64, cycle: u32) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = $1 AND number = $2")
-        .bind(run_id)
-        .bind(cycle)
+        .bind_all((run_id, cycle))
         .fetch_optional(executor)
         .await
 }
@@ -177,20 +159,18 @@ async fn delete_cross(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     reference_run_id: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM torque_rmsd WHERE cycle_id = $1 AND reference_run_id = $2")
-        .bind(cycle_id)
-        .bind(reference_run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((cycle_id, reference_run_id))
+        .run(executor)
+        .await
 }
 
 async fn insert_set(
     executor: impl EngineExecutor<'_>,
     name: &str,
     set: &ParameterSet,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar(
         "INSERT INTO parameter_set (name, robot_model_id, samples, condition_number, scaled_condition_number,
                                     residual_std_nm, estimator, error_basis)
@@ -199,14 +179,10 @@ async fn insert_set(
          ON CONFLICT (name) DO NOTHING
          RETURNING parameter_set_id",
     )
-    .bind(name)
-    .bind(set.model.robot_model_id)
-    .bind(count(set.identification.samples))
+    .bind_all((name, set.model.robot_model_id, count(set.identification.samples)))
     .bind(finite(set.identification.condition_number))
-    .bind(finite(set.identification.scaled_condition_number))
-    .bind(finite(set.identification.residual_std))
-    .bind(set.estimator.name())
-    .bind(set.errors.name())
+    .bind_all((finite(set.identification.scaled_condition_number), finite(set.identification.residual_std)))
+    .bind_all((set.estimator.name(), set.errors.name()))
     .fetch_optional(executor)
     .await
 }
@@ -216,43 +192,38 @@ async fn insert_values(
     set_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[IdentifiedParameter],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
     )
     .push_values(rows, |mut row, parameter| {
-        row.push_bind(set_id)
-            .push_bind(keys.get(&parameter.id).copied())
-            .push_bind(finite(parameter.value))
-            .push_bind(finite(parameter.std_error))
-            .push_bind(finite(parameter.degrees_of_freedom));
+        row.bind_all((set_id, keys.get(&parameter.id).copied(), finite(parameter.value)))
+            .bind_all((finite(parameter.std_error), finite(parameter.degrees_of_freedom)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_sources(
     executor: impl EngineExecutor<'_>,
     set_id: i64,
     rows: &[SourceCycle],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new("INSERT INTO parameter_set_source (parameter_set_id, run_id, cycle, robot) ")
         .push_values(rows, |mut row, source| {
             row.push_bind(set_id).push_bind(source.run_id).push_bind(source.cycle).push_bind(&source.robot);
         })
         .build()
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
 /// The set without its values and sources.
 async fn read_set(
     executor: impl EngineExecutor<'_>,
     name: &str,
-) -> Result<Option<(i64, ParameterSet)>, sqlx::Error> {
+) -> sqlx::Result<Option<(i64, ParameterSet)>> {
     sqlx::query(
         "SELECT parameter_set_id, robot_model_id, robot_model.name AS model, description_hash, samples,
                 condition_number, scaled_condition_number, residual_std_nm, estimator, error_basis
@@ -262,7 +233,7 @@ async fn read_set(
     )
     .bind(name)
     .try_map(|row: EngineRow| {
-        let figure = |column: &str| -> Result<f64, sqlx::Error> {
+        let figure = |column: &str| -> sqlx::Result<f64> {
             Ok(row.try_get::<Option<f64>, _>(column)?.unwrap_or(f64::NAN))
         };
         let set = ParameterSet {
@@ -292,7 +263,7 @@ async fn read_set(
 async fn read_values(
     executor: impl EngineExecutor<'_>,
     set_id: i64,
-) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
+) -> sqlx::Result<Vec<IdentifiedParameter>> {
     sqlx::query(
         "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM parameter_set_value
@@ -305,10 +276,7 @@ async fn read_values(
     .await
 }
 
-async fn read_sources(
-    executor: impl EngineExecutor<'_>,
-    set_id: i64,
-) -> Result<Vec<SourceCycle>, sqlx::Error> {
+async fn read_sources(executor: impl EngineExecutor<'_>, set_id: i64) -> sqlx::Result<Vec<SourceCycle>> {
     sqlx::query(
         "SELECT run_id, cycle, robot FROM parameter_set_source WHERE parameter_set_id = $1 ORDER BY run_id, cycle",
     )

@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 use sqlx::{QueryBuilder, Row};
 
 use super::parameter_sets::SourceCycle;
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
@@ -130,17 +130,11 @@ impl Store {
     }
 
     /// All kept estimates, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
         self.checked(kept(&self.readers).await)
     }
 
     /// Deletes the parameter set or re-estimate of this name; returns true if there was one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let set = self.checked(delete_set(&mut *transaction, name).await)?;
@@ -155,7 +149,7 @@ pub(crate) async fn save(
     connection: &mut EngineConnection,
     name: &str,
     found: &Reestimate,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     let Some(reestimate_id) = insert(&mut *connection, name, found).await? else { return Ok(false) };
     let keys = models::parameter_keys(&mut *connection, found.model.robot_model_id).await?;
     for cycle in &found.cycles {
@@ -176,7 +170,7 @@ pub(crate) async fn save(
 }
 
 /// All kept estimates, by name.
-pub(crate) async fn kept(executor: impl EngineExecutor<'_>) -> Result<Vec<KeptEstimate>, sqlx::Error> {
+pub(crate) async fn kept(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<KeptEstimate>> {
     sqlx::query(
         "SELECT parameter_set.name, 'set' AS kind, robot_model.name AS model, estimator, saved_at,
                 (SELECT string_agg(robot, ',') FROM (
@@ -215,13 +209,13 @@ pub(crate) async fn kept(executor: impl EngineExecutor<'_>) -> Result<Vec<KeptEs
 }
 
 /// Deletes the set of this name; returns true if there was one.
-async fn delete_set(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
+async fn delete_set(executor: impl EngineExecutor<'_>, name: &str) -> sqlx::Result<bool> {
     let done = sqlx::query("DELETE FROM parameter_set WHERE name = $1").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
 }
 
 /// Deletes the re-estimate of this name; returns true if there was one.
-pub(crate) async fn delete(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
+pub(crate) async fn delete(executor: impl EngineExecutor<'_>, name: &str) -> sqlx::Result<bool> {
     let done = sqlx::query("DELETE FROM reestimate WHERE name = $1").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
 }
@@ -230,7 +224,7 @@ async fn insert(
     executor: impl EngineExecutor<'_>,
     name: &str,
     found: &Reestimate,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar(
         "INSERT INTO reestimate (name, robot_model_id, estimator)
          SELECT $1, $2, $3
@@ -238,9 +232,7 @@ async fn insert(
          ON CONFLICT (name) DO NOTHING
          RETURNING reestimate_id",
     )
-    .bind(name)
-    .bind(found.model.robot_model_id)
-    .bind(found.estimator.name())
+    .bind_all((name, found.model.robot_model_id, found.estimator.name()))
     .fetch_optional(executor)
     .await
 }
@@ -249,16 +241,12 @@ async fn insert_cycle(
     executor: impl EngineExecutor<'_>,
     reestimate_id: i64,
     cycle: &ReestimatedCycle,
-) -> Result<i64, sqlx::Error> {
+) -> sqlx::Result<i64> {
     sqlx::query_scalar(
         "INSERT INTO reestimate_cycle (reestimate_id, robot, run_id, cycle, reason) VALUES ($1, $2, $3, $4, $5)
          RETURNING reestimate_cycle_id",
     )
-    .bind(reestimate_id)
-    .bind(&cycle.source.robot)
-    .bind(cycle.source.run_id)
-    .bind(cycle.source.cycle)
-    .bind(&cycle.reason)
+    .bind_all((reestimate_id, &cycle.source.robot, cycle.source.run_id, cycle.source.cycle, &cycle.reason))
     .fetch_one(executor)
     .await
 }
@@ -268,25 +256,18 @@ fn seen_by(joint: Option<JointIndex>) -> i64 {
     joint.map_or(0, joint_number)
 }
 
-async fn insert_view(
-    executor: impl EngineExecutor<'_>,
-    cycle_id: i64,
-    view: &CycleView,
-) -> Result<(), sqlx::Error> {
+async fn insert_view(executor: impl EngineExecutor<'_>, cycle_id: i64, view: &CycleView) -> sqlx::Result<()> {
     sqlx::query(
         "INSERT INTO reestimate_view (reestimate_cycle_id, seen_by_joint, samples, condition_number,
                                       scaled_condition_number, residual_std_nm)
          VALUES ($1, $2, $3, $4, $5, $6)",
     )
-    .bind(cycle_id)
-    .bind(seen_by(view.seen_by))
-    .bind(count(view.identification.samples))
+    .bind_all((cycle_id, seen_by(view.seen_by), count(view.identification.samples)))
     .bind(finite(view.identification.condition_number))
     .bind(finite(view.identification.scaled_condition_number))
     .bind(finite(view.identification.residual_std))
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_values(
@@ -295,24 +276,20 @@ async fn insert_values(
     keys: &HashMap<ParameterId, i64>,
     view: &CycleView,
     rows: &[(usize, &IdentifiedParameter)],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO reestimate_value (reestimate_cycle_id, seen_by_joint, model_parameter_id, value, std_error,
                                        half_width_95, data_share) ",
     )
     .push_values(rows, |mut row, (k, parameter)| {
-        row.push_bind(cycle_id)
-            .push_bind(seen_by(view.seen_by))
-            .push_bind(keys.get(&parameter.id).copied())
-            .push_bind(finite(parameter.value))
-            .push_bind(finite(parameter.std_error))
+        row.bind_all((cycle_id, seen_by(view.seen_by), keys.get(&parameter.id).copied()))
+            .bind_all((finite(parameter.value), finite(parameter.std_error)))
             .push_bind(view.half_width.get(*k).copied().and_then(finite))
             .push_bind(view.data_share.as_ref().and_then(|share| share.get(*k).copied()).and_then(finite));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_statistics(
@@ -320,29 +297,20 @@ async fn insert_statistics(
     reestimate_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[ReestimatedStatistics],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO reestimate_statistic (reestimate_id, robot, run_id, seen_by_joint, model_parameter_id,
                                            \"window\", mean, min, max, d_mm, d_se, sdv, cycles) ",
     )
     .push_values(rows, |mut row, of_run| {
         let figures = &of_run.statistics;
-        row.push_bind(reestimate_id)
-            .push_bind(&of_run.robot)
-            .push_bind(of_run.run_id)
-            .push_bind(seen_by(of_run.seen_by))
-            .push_bind(keys.get(&figures.id).copied())
-            .push_bind(figures.window.name())
-            .push_bind(finite(figures.mean))
-            .push_bind(finite(figures.min))
-            .push_bind(finite(figures.max))
-            .push_bind(figures.d_mm.and_then(finite))
-            .push_bind(figures.d_se.and_then(finite))
-            .push_bind(figures.sdv.and_then(finite))
+        row.bind_all((reestimate_id, &of_run.robot, of_run.run_id, seen_by(of_run.seen_by)))
+            .bind_all((keys.get(&figures.id).copied(), figures.window.name(), finite(figures.mean)))
+            .bind_all((finite(figures.min), finite(figures.max), figures.d_mm.and_then(finite)))
+            .bind_all((figures.d_se.and_then(finite), figures.sdv.and_then(finite)))
             .push_bind(count(figures.cycles));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use crate::engine::{EngineConnection, EngineExecutor};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::count;
@@ -106,27 +106,18 @@ impl Store {
     }
 
     /// Earlier attempts at some work that the program did not survive.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn failed_attempts(&self, work: AttemptKind, subject: &str) -> Result<u32, StoreError> {
-        let found: Result<Option<i64>, sqlx::Error> = sqlx::query_scalar(
+        let found: sqlx::Result<Option<i64>> = sqlx::query_scalar(
             "SELECT attempts FROM attempt
              WHERE work = $1 AND subject = $2 AND version = $3 AND process IS DISTINCT FROM $4",
         )
-        .bind(work.name())
-        .bind(subject)
-        .bind(env!("CARGO_PKG_VERSION"))
-        .bind(PROCESS.0)
+        .bind_all((work.name(), subject, env!("CARGO_PKG_VERSION"), PROCESS.0))
         .fetch_optional(&self.readers)
         .await;
         Ok(self.checked(found)?.map_or(0, |attempts| u32::try_from(attempts).unwrap_or(u32::MAX)))
     }
 
     /// Records the end of an attempt with any outcome. Writes nothing if no attempt is stored.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn end_attempt(&self, work: AttemptKind, subject: &str) -> Result<(), StoreError> {
         let any =
             sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM attempt WHERE work = $1 AND subject = $2)");
@@ -139,9 +130,6 @@ impl Store {
     }
 
     /// Records that an attempt was interrupted, which is no evidence against its work: earlier attempts still count.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn break_off_attempt(&self, work: AttemptKind, subject: &str) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(break_off(&mut transaction, Some((work, subject)), PROCESS.0).await)?;
@@ -149,9 +137,6 @@ impl Store {
     }
 
     /// Records that all work of this process was interrupted, because it ends in good order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub(crate) async fn break_off_attempts(&self) -> Result<(), StoreError> {
         let any = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM attempt WHERE process = $1)");
         if !self.checked(any.bind(PROCESS.0).fetch_one(&self.readers).await)? {
@@ -165,9 +150,6 @@ impl Store {
     /// Begins the life of a daemon. If the last life did not end in good order, work that was not in progress then is
     /// innocent, and its rows are deleted. Returns the other exports by their paths on this host, with the number of
     /// attempts that the program did not survive.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn take_over_attempts(&self) -> Result<Vec<(PathBuf, u32)>, StoreError> {
         let host = self.located(String::new());
         let mut transaction = self.begin().await?;
@@ -187,7 +169,7 @@ pub(crate) async fn begin(
     (work, subject): (AttemptKind, &str),
     on: AttemptOn,
     process: i64,
-) -> Result<Attempt, sqlx::Error> {
+) -> sqlx::Result<Attempt> {
     // a run that never began has no cycles
     let attempts: i64 = sqlx::query_scalar(
         "INSERT INTO attempt (work, subject, attempts, process, version, inode, bytes, cycles)
@@ -205,11 +187,7 @@ pub(crate) async fn begin(
              bytes = excluded.bytes, cycles = excluded.cycles
          RETURNING attempts",
     )
-    .bind(work.name())
-    .bind(subject)
-    .bind(process)
-    .bind(env!("CARGO_PKG_VERSION"))
-    .bind(on.inode.cast_signed())
+    .bind_all((work.name(), subject, process, env!("CARGO_PKG_VERSION"), on.inode.cast_signed()))
     .bind(count(on.bytes))
     .fetch_one(connection)
     .await?;
@@ -220,7 +198,7 @@ pub(crate) async fn begin(
 pub(crate) async fn begin_delivery(
     connection: &mut EngineConnection,
     delivery_id: i64,
-) -> Result<Attempt, sqlx::Error> {
+) -> sqlx::Result<Attempt> {
     begin(connection, (AttemptKind::Delivery, &delivery_id.to_string()), AttemptOn::default(), PROCESS.0)
         .await
 }
@@ -229,28 +207,25 @@ pub(crate) async fn end(
     executor: impl EngineExecutor<'_>,
     work: AttemptKind,
     subject: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM attempt WHERE work = $1 AND subject = $2")
-        .bind(work.name())
-        .bind(subject)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((work.name(), subject))
+        .run(executor)
+        .await
 }
 
 /// Like [`end`], for messages whose keys are a JSON array.
 pub(crate) async fn end_deliveries(
     executor: impl EngineExecutor<'_>,
     delivery_ids: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "DELETE FROM attempt
          WHERE work = 'delivery' AND subject IN (SELECT CAST(value AS TEXT) FROM json_each($1))",
     )
     .bind(delivery_ids)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Deletes the record that a process was at some work, or at any.
@@ -258,7 +233,7 @@ async fn break_off(
     connection: &mut EngineConnection,
     of: Option<(AttemptKind, &str)>,
     process: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for sql in [
         "DELETE FROM attempt
          WHERE process = $1 AND work = coalesce($2, work) AND subject = coalesce($3, subject)
@@ -267,47 +242,38 @@ async fn break_off(
          WHERE process = $1 AND work = coalesce($2, work) AND subject = coalesce($3, subject)",
     ] {
         sqlx::query(sql)
-            .bind(process)
-            .bind(of.map(|(work, _)| work.name()))
-            .bind(of.map(|(_, subject)| subject))
+            .bind_all((process, of.map(|(work, _)| work.name()), of.map(|(_, subject)| subject)))
             .execute(&mut *connection)
             .await?;
     }
     Ok(())
 }
 
-async fn take_over(connection: &mut EngineConnection, host: &str, process: i64) -> Result<(), sqlx::Error> {
+async fn take_over(connection: &mut EngineConnection, host: &str, process: i64) -> sqlx::Result<()> {
     let life = begin(&mut *connection, (AttemptKind::Program, host), AttemptOn::default(), process).await?;
     if life.number > 1 {
         sqlx::query(
             "DELETE FROM attempt
              WHERE process IS NULL AND attempts < $1 AND (work <> 'export' OR subject LIKE $2 || '%')",
         )
-        .bind(MOST_ATTEMPTS)
-        .bind(host)
+        .bind_all((MOST_ATTEMPTS, host))
         .execute(&mut *connection)
         .await?;
     }
     // none of it is in progress until this life begins it again
     sqlx::query("UPDATE attempt SET process = NULL WHERE process <> $1 AND (work <> 'export' OR subject LIKE $2 || '%')")
-        .bind(process)
-        .bind(host)
-        .execute(connection)
-        .await?;
-    Ok(())
+        .bind_all((process, host))
+        .run(connection)
+        .await
 }
 
-async fn suspects(
-    executor: impl EngineExecutor<'_>,
-    process: i64,
-) -> Result<Vec<(String, i64)>, sqlx::Error> {
+async fn suspects(executor: impl EngineExecutor<'_>, process: i64) -> sqlx::Result<Vec<(String, i64)>> {
     sqlx::query_as(
         "SELECT subject, attempts FROM attempt
          WHERE work = 'export' AND version = $1 AND process IS DISTINCT FROM $2
          ORDER BY subject",
     )
-    .bind(env!("CARGO_PKG_VERSION"))
-    .bind(process)
+    .bind_all((env!("CARGO_PKG_VERSION"), process))
     .fetch_all(executor)
     .await
 }

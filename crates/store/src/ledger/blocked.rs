@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 use sqlx::Row;
 
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{count, in_views, size, time_text};
@@ -55,9 +55,6 @@ pub struct BlockedFile {
 impl Store {
     /// Stores that a growing file cannot be read further. Returns true if the file, its line or its problem is new;
     /// otherwise the time of the first record is kept.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn block_file(&self, block: BlockReason<'_>) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_new = self.checked(block_file(&mut transaction, block).await)?;
@@ -66,9 +63,6 @@ impl Store {
     }
 
     /// Deletes the record of a file that is read again, or is gone. Writes nothing if there is none.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unblock_file(&self, path: &str) -> Result<(), StoreError> {
         let known = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM blocked_file WHERE path = $1)");
         if !self.checked(known.bind(path).fetch_one(&self.readers).await)? {
@@ -80,17 +74,11 @@ impl Store {
     }
 
     /// Growing files that cannot be read further, the longest waiting first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn blocked_files(&self) -> Result<Vec<BlockedFile>, StoreError> {
         self.checked(all(&self.readers).await)
     }
 
     /// Deletes the records of files of this host that no longer exist.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unblock_vanished(&self, is_there: impl Fn(&Path) -> bool) -> Result<(), StoreError> {
         for file in self.blocked_files().await? {
             if self.local_path(&file.source_path).is_some_and(|path| !is_there(&path)) {
@@ -101,7 +89,7 @@ impl Store {
     }
 }
 
-async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -> Result<bool, sqlx::Error> {
+async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -> sqlx::Result<bool> {
     let BlockReason { path, robot, source_name, line, problem, remedy } = block;
     let known = sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM blocked_file
@@ -117,23 +105,17 @@ async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -
          VALUES ($1, (SELECT run_id FROM source_file JOIN run USING (run_id)
                       WHERE source_file.path = $1 AND status = 'streaming'), $2, $3, $4, $5, $6)",
     )
-    .bind(path)
-    .bind(robot)
-    .bind(source_name)
-    .bind(line.map(count))
-    .bind(problem)
-    .bind(remedy)
+    .bind_all((path, robot, source_name, line.map(count), problem, remedy))
     .execute(connection)
     .await?;
     Ok(true)
 }
 
-pub(super) async fn forget(executor: impl EngineExecutor<'_>, path: &str) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM blocked_file WHERE path = $1").bind(path).execute(executor).await?;
-    Ok(())
+pub(super) async fn forget(executor: impl EngineExecutor<'_>, path: &str) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM blocked_file WHERE path = $1").bind(path).run(executor).await
 }
 
-async fn all(executor: impl EngineExecutor<'_>) -> Result<Vec<BlockedFile>, sqlx::Error> {
+async fn all(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<BlockedFile>> {
     sqlx::query(
         "SELECT robot, source_name, source_path, run_id, line, remedy, blocked_at, message FROM blocked_files
          ORDER BY blocked_at, source_path",

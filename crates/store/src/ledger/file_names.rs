@@ -1,16 +1,13 @@
 //! Runs by the names of files with their content. The query scans all paths; it is for a caller that looks for an
 //! upload by its name.
 
-use crate::engine::EngineExecutor;
+use crate::engine::{Bind, EngineExecutor};
 use crate::error::StoreError;
 use crate::handle::Store;
 
 impl Store {
     /// The latest run whose content was seen in a file of this name, in any folder. The run may have been read from a
     /// file of another name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_of_file_named(&self, name: &str) -> Result<Option<i64>, StoreError> {
         self.checked(run_of_file_named(&self.readers, name).await)
     }
@@ -19,10 +16,7 @@ impl Store {
 /// Most paths, equal except for upper and lower case, that are searched for a name.
 const MOST_ALIKE: i64 = 64;
 
-async fn run_of_file_named(
-    executor: impl EngineExecutor<'_>,
-    name: &str,
-) -> Result<Option<i64>, sqlx::Error> {
+async fn run_of_file_named(executor: impl EngineExecutor<'_>, name: &str) -> sqlx::Result<Option<i64>> {
     let mut literal = String::with_capacity(name.len());
     for character in name.chars() {
         if ['%', '_', '!'].contains(&character) {
@@ -36,9 +30,7 @@ async fn run_of_file_named(
          ORDER BY run_id DESC
          LIMIT $3",
     )
-    .bind(name)
-    .bind(format!("%/{literal}"))
-    .bind(MOST_ALIKE)
+    .bind_all((name, format!("%/{literal}"), MOST_ALIKE))
     .fetch_all(executor)
     .await?;
     // SQLite ignores the difference between upper and lower case

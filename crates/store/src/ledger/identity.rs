@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::Row;
 
 use super::runs::{KnownRun, known_run};
-use crate::engine::{EngineConnection, EngineExecutor};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::time_in_views;
@@ -13,9 +13,6 @@ use armwatch_model::run::ContentHash;
 impl Store {
     /// The runs of an export with this content, each with its robot and the name of its file. One export may have the
     /// columns of several robots.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn runs_of_content(
         &self,
         hash: &ContentHash,
@@ -43,15 +40,14 @@ pub(crate) async fn is_made_otherwise(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     made_with: &ContentHash,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     sqlx::query_scalar(
         "SELECT EXISTS (
              SELECT 1 FROM run
              WHERE run_id = $1 AND cycles_stored > 0 AND status <> 'quarantined' AND made_with IS DISTINCT FROM $2
          )",
     )
-    .bind(run_id)
-    .bind(&made_with.0[..])
+    .bind_all((run_id, &made_with.0[..]))
     .fetch_one(executor)
     .await
 }
@@ -60,13 +56,11 @@ pub(crate) async fn set_made_with(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     made_with: &ContentHash,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE run SET made_with = $1 WHERE run_id = $2")
-        .bind(&made_with.0[..])
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((&made_with.0[..], run_id))
+        .run(executor)
+        .await
 }
 
 /// Moves the start of a run to the time in its export, and those of its cycles by the same amount. Keeps a start that a
@@ -75,13 +69,11 @@ pub(crate) async fn set_start(
     connection: &mut EngineConnection,
     run_id: i64,
     started_at: Timestamp,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let recorded = "UPDATE run SET recorded_start = $2, recorded_start_text = $3
                     WHERE run_id = $1 AND recorded_start IS NOT NULL";
     let noted = sqlx::query(recorded)
-        .bind(run_id)
-        .bind(started_at.as_microsecond())
-        .bind(time_in_views(started_at))
+        .bind_all((run_id, started_at.as_microsecond(), time_in_views(started_at)))
         .execute(&mut *connection)
         .await?;
     match noted.rows_affected() {
@@ -95,7 +87,7 @@ pub(crate) async fn move_start(
     connection: &mut EngineConnection,
     run_id: i64,
     started_at: Timestamp,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for sql in [
         "UPDATE cycle
          SET started_at = started_at + $2 - (SELECT run.started_at FROM run WHERE run.run_id = $1)
@@ -112,13 +104,11 @@ pub(crate) async fn set_first_rows(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     first_rows: &ContentHash,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE run SET first_rows = $1 WHERE run_id = $2")
-        .bind(&first_rows.0[..])
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((&first_rows.0[..], run_id))
+        .run(executor)
+        .await
 }
 
 /// True if two runs certainly have different first rows.
@@ -126,13 +116,12 @@ pub(crate) async fn begin_otherwise(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     old: i64,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     sqlx::query_scalar(
         "SELECT coalesce(new.first_rows <> old.first_rows, FALSE) FROM run AS new, run AS old
          WHERE new.run_id = $1 AND old.run_id = $2",
     )
-    .bind(run_id)
-    .bind(old)
+    .bind_all((run_id, old))
     .fetch_one(executor)
     .await
 }

@@ -11,7 +11,7 @@ use sqlx::Row;
 
 use super::robots::robot_id;
 use super::runs::{find_run, insert_run};
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{count, in_views, known_in_views, named, size, time_text};
@@ -151,9 +151,6 @@ impl FaultState {
 impl Store {
     /// Stores that an export could not be read, with the reason and place. Stored cycles stay, and a complete run stays
     /// complete. Returns the key of the run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn quarantine(&self, header: &RunHeader, fault: &ExportFault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
         if let Some(run) =
@@ -167,17 +164,11 @@ impl Store {
     }
 
     /// Every fault of every run; newest run first, then latest fault first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn faults(&self) -> Result<Vec<QuarantineRow>, StoreError> {
         self.checked(rows(&self.readers).await)
     }
 
     /// Marks a quarantined run to be read again by the daemon; `false` if it is not quarantined.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_asked = self.checked(ask_retry(&mut *transaction, run_id).await)?;
@@ -186,9 +177,6 @@ impl Store {
     }
 
     /// Paths of exports that are marked to be read again.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
         let paths = self.checked(paths_to_retry(&self.readers).await)?;
         let here = paths.iter().filter_map(|path| self.local_path(path));
@@ -202,7 +190,7 @@ pub(crate) async fn quarantine(
     connection: &mut EngineConnection,
     header: &RunHeader,
     fault: &ExportFault,
-) -> Result<i64, sqlx::Error> {
+) -> sqlx::Result<i64> {
     let run_id = match find_run(&mut *connection, &header.content_hash, &header.robot).await? {
         Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
             return Ok(run.run_id);
@@ -223,24 +211,18 @@ pub(crate) async fn quarantine(
 
 /// Moves a run without cycles to another robot, because its file name turned out to contain none. Deletes a robot that
 /// has no more runs.
-async fn rename_robot(
-    connection: &mut EngineConnection,
-    run_id: i64,
-    robot: &str,
-) -> Result<(), sqlx::Error> {
+async fn rename_robot(connection: &mut EngineConnection, run_id: i64, robot: &str) -> sqlx::Result<()> {
     let before: Option<i64> = sqlx::query_scalar(
         "SELECT robot_id FROM run JOIN robot USING (robot_id)
          WHERE run_id = $1 AND cycles_stored = 0 AND robot.name <> $2",
     )
-    .bind(run_id)
-    .bind(robot)
+    .bind_all((run_id, robot))
     .fetch_optional(&mut *connection)
     .await?;
     let Some(before) = before else { return Ok(()) };
     let robot_id = robot_id(&mut *connection, robot).await?;
     sqlx::query("UPDATE run SET robot_id = $1 WHERE run_id = $2")
-        .bind(robot_id)
-        .bind(run_id)
+        .bind_all((robot_id, run_id))
         .execute(&mut *connection)
         .await?;
     sqlx::query(
@@ -248,28 +230,19 @@ async fn rename_robot(
          WHERE robot_id = $1 AND NOT EXISTS (SELECT 1 FROM run WHERE run.robot_id = $1)",
     )
     .bind(before)
-    .execute(connection)
-    .await?;
-    Ok(())
+    .run(connection)
+    .await
 }
 
-async fn mark(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    fault: &ExportFault,
-) -> Result<(), sqlx::Error> {
+async fn mark(executor: impl EngineExecutor<'_>, run_id: i64, fault: &ExportFault) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET status = 'quarantined', reason = $1, reason_line = $2, reason_column = $3, retry_asked_at = NULL
          WHERE run_id = $4",
     )
-    .bind(&fault.reason)
-    .bind(fault.line.map(count))
-    .bind(&fault.column)
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((&fault.reason, fault.line.map(count), &fault.column, run_id))
+    .run(executor)
+    .await
 }
 
 /// Counts another attempt with the same fault as the one before; `false` if the fault is another one.
@@ -277,7 +250,7 @@ async fn count_again(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     fault: &ExportFault,
-) -> Result<bool, sqlx::Error> {
+) -> sqlx::Result<bool> {
     let done = sqlx::query(
         "UPDATE fault
          SET tries = tries + 1, last_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT),
@@ -286,40 +259,26 @@ async fn count_again(
            AND problem = $2 AND line IS NOT DISTINCT FROM $3 AND column_name IS NOT DISTINCT FROM $4
            AND byte IS NOT DISTINCT FROM $5 AND value IS NOT DISTINCT FROM $6",
     )
-    .bind(run_id)
-    .bind(&fault.problem)
-    .bind(fault.line.map(count))
-    .bind(&fault.column)
-    .bind(fault.byte.map(count))
+    .bind_all((run_id, &fault.problem, fault.line.map(count), &fault.column, fault.byte.map(count)))
     .bind(&fault.value)
     .execute(executor)
     .await?;
     Ok(done.rows_affected() > 0)
 }
 
-async fn insert(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    fault: &ExportFault,
-) -> Result<(), sqlx::Error> {
+async fn insert(executor: impl EngineExecutor<'_>, run_id: i64, fault: &ExportFault) -> sqlx::Result<()> {
     sqlx::query(
         "INSERT INTO fault (run_id, problem, line, column_name, byte, value, remedy, cycles_stored)
          SELECT run_id, $1, $2, $3, $4, $5, $6, cycles_stored FROM run WHERE run_id = $7",
     )
-    .bind(&fault.problem)
-    .bind(fault.line.map(count))
-    .bind(&fault.column)
-    .bind(fault.byte.map(count))
-    .bind(&fault.value)
-    .bind(&fault.remedy)
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((&fault.problem, fault.line.map(count), &fault.column, fault.byte.map(count), &fault.value))
+    .bind_all((&fault.remedy, run_id))
+    .run(executor)
+    .await
 }
 
 /// Every fault of every run; newest run first, then latest fault first.
-pub(crate) async fn rows(executor: impl EngineExecutor<'_>) -> Result<Vec<QuarantineRow>, sqlx::Error> {
+pub(crate) async fn rows(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<QuarantineRow>> {
     sqlx::query(
         "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
                 cycles_stored, tries, first_at, last_at, retry_asked_at, superseded_by_run_id,
@@ -354,7 +313,7 @@ pub(crate) async fn rows(executor: impl EngineExecutor<'_>) -> Result<Vec<Quaran
     .await
 }
 
-fn dismissal(row: &EngineRow) -> Result<Option<Dismissal>, sqlx::Error> {
+fn dismissal(row: &EngineRow) -> sqlx::Result<Option<Dismissal>> {
     let at: Option<&str> = row.try_get("dismissed_at")?;
     at.map(|_| {
         Ok(Dismissal {
@@ -369,18 +328,13 @@ fn dismissal(row: &EngineRow) -> Result<Option<Dismissal>, sqlx::Error> {
 impl Store {
     /// Dismisses the latest fault of a quarantined run. `false` if the run is not quarantined, or its fault is already
     /// dismissed.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn dismiss(&self, run_id: i64, by: &str, reason: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query(
             "INSERT INTO dismissal (fault_id, dismissed_by, reason)
              SELECT fault_id, $2, $3 FROM quarantine WHERE run_id = $1 AND state = 'open'",
         )
-        .bind(run_id)
-        .bind(by)
-        .bind(reason)
+        .bind_all((run_id, by, reason))
         .execute(&mut *transaction)
         .await;
         let is_put_aside = self.checked(done)?.rows_affected() > 0;
@@ -389,9 +343,6 @@ impl Store {
     }
 
     /// Withdraws the dismissal of a run's fault; the dismissal stays on record.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn withdraw_dismissal(&self, run_id: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query(
@@ -407,7 +358,7 @@ impl Store {
 }
 
 /// Marks a quarantined run to be read again; `false` if it is not quarantined.
-pub(crate) async fn ask_retry(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+pub(crate) async fn ask_retry(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<bool> {
     let done = sqlx::query(
         "UPDATE run
          SET retry_asked_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT)
@@ -420,7 +371,7 @@ pub(crate) async fn ask_retry(executor: impl EngineExecutor<'_>, run_id: i64) ->
 }
 
 /// Paths of exports that are marked to be read again.
-pub(crate) async fn paths_to_retry(executor: impl EngineExecutor<'_>) -> Result<Vec<String>, sqlx::Error> {
+pub(crate) async fn paths_to_retry(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<String>> {
     sqlx::query_scalar(
         "SELECT source_path FROM run WHERE retry_asked_at IS NOT NULL
          UNION
@@ -432,10 +383,7 @@ pub(crate) async fn paths_to_retry(executor: impl EngineExecutor<'_>) -> Result<
 
 /// Lets `run_id`, which is complete, supersede quarantined runs of the same recording: those with the same robot, start
 /// and file name. Their content was corrected.
-pub(crate) async fn supersede_faulty(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<(), sqlx::Error> {
+pub(crate) async fn supersede_faulty(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET reason = 'superseded by run ' || complete.run_id || ': the export was corrected', reason_line = NULL,
@@ -446,7 +394,6 @@ pub(crate) async fn supersede_faulty(
            AND run.started_at = complete.started_at AND run.source_name = complete.source_name",
     )
     .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }

@@ -2,7 +2,7 @@
 
 use sqlx::Row;
 
-use crate::engine::{EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{count, size};
@@ -32,17 +32,11 @@ pub struct ReadSoFar {
 
 impl Store {
     /// Place for resuming the reading of a run after its stored cycles.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn resume_point(&self, run_id: i64) -> Result<Option<StoredPoint>, StoreError> {
         self.checked(of_run(&self.readers, run_id).await)
     }
 
     /// Deletes the place, so that the run is read from its start next time.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(forget(&mut *transaction, run_id).await)?;
@@ -55,26 +49,22 @@ pub(crate) async fn set(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     point: &StoredPoint,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "INSERT INTO resume_point (run_id, cycles, byte, state) VALUES ($1, $2, $3, $4)
          ON CONFLICT (run_id) DO UPDATE
          SET cycles = excluded.cycles, byte = excluded.byte, state = excluded.state",
     )
-    .bind(run_id)
-    .bind(point.cycles)
-    .bind(count(point.byte))
-    .bind(&point.state)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, point.cycles, count(point.byte), &point.state))
+    .run(executor)
+    .await
 }
 
 /// Place for resuming the reading of a run, if the cycles before it are stored.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Option<StoredPoint>, sqlx::Error> {
+) -> sqlx::Result<Option<StoredPoint>> {
     sqlx::query(
         "SELECT cycles, byte, state
          FROM resume_point JOIN run USING (run_id)
@@ -93,7 +83,6 @@ pub(crate) async fn of_run(
 }
 
 /// Deletes the place, so that the run is read from its start next time.
-pub(crate) async fn forget(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM resume_point WHERE run_id = $1").bind(run_id).execute(executor).await?;
-    Ok(())
+pub(crate) async fn forget(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM resume_point WHERE run_id = $1").bind(run_id).run(executor).await
 }

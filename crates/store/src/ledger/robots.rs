@@ -7,9 +7,6 @@ use armwatch_model::robot::name::composed;
 
 impl Store {
     /// Names of the robots that have runs which were read, or are being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_robots(&self) -> Result<Vec<String>, StoreError> {
         let names = sqlx::query_scalar(
             "SELECT name FROM robot
@@ -20,9 +17,6 @@ impl Store {
     }
 
     /// Returns true if a robot of this name has runs which were read, or are being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn knows_robot(&self, name: &str) -> Result<bool, StoreError> {
         let found = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM run JOIN robot USING (robot_id)
@@ -34,7 +28,7 @@ impl Store {
 
 /// Key of a robot, which is inserted with its first run. A robot whose name an earlier version has stored in another
 /// form of Unicode gets this name.
-pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> Result<i64, sqlx::Error> {
+pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> sqlx::Result<i64> {
     if let Some(known) = find_robot(&mut *connection, name).await? {
         return Ok(known);
     }
@@ -54,6 +48,6 @@ pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> R
         .await
 }
 
-async fn find_robot(executor: impl EngineExecutor<'_>, name: &str) -> Result<Option<i64>, sqlx::Error> {
+async fn find_robot(executor: impl EngineExecutor<'_>, name: &str) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = $1").bind(name).fetch_optional(executor).await
 }

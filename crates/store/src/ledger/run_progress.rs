@@ -1,6 +1,6 @@
 //! Progress of reading a run, and its end.
 
-use crate::engine::EngineExecutor;
+use crate::engine::{Bind, EngineExecutor, Run};
 use crate::values::{count, finite};
 use armwatch_model::run::ContentPrefix;
 
@@ -32,7 +32,7 @@ pub(crate) async fn advance(
     run_id: i64,
     description: &Description,
     read: Option<&ContentPrefix>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2,
@@ -40,33 +40,25 @@ pub(crate) async fn advance(
              prefix_hash = coalesce($4, prefix_hash)
          WHERE run_id = $5",
     )
-    .bind(description.robot_model_id)
-    .bind(&description.figures_hash[..])
-    .bind(read.map(|prefix| count(prefix.bytes)))
-    .bind(read.map(|prefix| &prefix.hash.0[..]))
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((description.robot_model_id, &description.figures_hash[..]))
+    .bind_all((read.map(|prefix| count(prefix.bytes)), read.map(|prefix| &prefix.hash.0[..]), run_id))
+    .run(executor)
+    .await
 }
 
 pub(crate) async fn mark_complete(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     totals: RunTotals,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4,
              growing = FALSE, prefix_bytes = NULL, prefix_hash = NULL
          WHERE run_id = $5",
     )
-    .bind(count(totals.rows))
-    .bind(count(totals.rows_skipped))
-    .bind(finite(totals.sample_rate))
-    .bind(totals.cycles)
+    .bind_all((count(totals.rows), count(totals.rows_skipped), finite(totals.sample_rate), totals.cycles))
     .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }

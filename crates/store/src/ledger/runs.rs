@@ -8,7 +8,7 @@ use sqlx::Row;
 use super::identity::{is_made_otherwise, set_made_with};
 use super::robots::robot_id;
 use super::{resume, stored_cycles};
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::supersession::{hand_on, set_replaced, supersede};
@@ -75,17 +75,11 @@ pub enum Owner {
 
 impl Store {
     /// State of the export with this content; if several robots have one, that of the first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
         Ok(self.runs_of_content(hash).await?.into_iter().next().map(|(run, ..)| run))
     }
 
     /// Returns true if a run has an export of this size. Only then can a content be that of a known export.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn has_run_of_bytes(&self, bytes: u64) -> Result<bool, StoreError> {
         let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_bytes = $1)");
         self.checked(found.bind(count(bytes)).fetch_one(&self.readers).await)
@@ -93,9 +87,6 @@ impl Store {
 
     /// Quarantines an unfinished run whose file is gone, for `reason`. Its cycles stay, and reading continues if the
     /// file returns. Returns true if there was such a run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         self.refuse_run_of_another(&mut transaction, run_id).await?;
@@ -106,9 +97,6 @@ impl Store {
 
     /// Begins a run. Returns an unfinished or complete run with this content unchanged. A quarantined one begins from
     /// its first row, since its export is only read again after a correction.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn begin_run(&self, header: &RunHeader) -> Result<KnownRun, StoreError> {
         let mut transaction = self.begin().await?;
         let run = self.checked(begin_run(&mut transaction, header).await)?;
@@ -117,9 +105,6 @@ impl Store {
     }
 
     /// State of a run; `None` if it is unknown.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_run(&self, run_id: i64) -> Result<Option<KnownRun>, StoreError> {
         match run_by_key(&self.readers, run_id).await {
             Err(sqlx::Error::RowNotFound) => Ok(None),
@@ -129,9 +114,6 @@ impl Store {
 
     /// Marks the unfinished run `old` as superseded by `run_id`, because its file was overwritten with the content of
     /// that run. Its rows stay. Does nothing if `old` is complete by now.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         // another daemon may have completed it since
@@ -143,9 +125,6 @@ impl Store {
 
     /// Deletes the unfinished run `run_id`, because the complete run `other` has its content. The runs that it
     /// superseded become superseded by `other`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn merge_run(&self, run_id: i64, other: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(hand_on(&mut *transaction, run_id, other).await)?;
@@ -154,9 +133,6 @@ impl Store {
     }
 
     /// Deletes an incomplete run with all its rows. Returns true if there was one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn discard_run(&self, run_id: i64) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let found = self.checked(discard(&mut *transaction, run_id).await)?;
@@ -166,14 +142,10 @@ impl Store {
 
     /// Sets `identity` as the identity of a run that was read while its file grew, since its content is not read. Does
     /// nothing for other runs.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn identify_growing_by(&self, run_id: i64, identity: &ContentHash) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query("UPDATE run SET content_hash = $1 WHERE run_id = $2 AND growing")
-            .bind(&identity.0[..])
-            .bind(run_id)
+            .bind_all((&identity.0[..], run_id))
             .execute(&mut *transaction)
             .await;
         self.checked(done)?;
@@ -181,9 +153,6 @@ impl Store {
     }
 
     /// Stores the kind of a run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(set_kind(&mut *transaction, run_id, kind).await)?;
@@ -191,7 +160,7 @@ impl Store {
     }
 }
 
-pub(crate) fn status(row: &EngineRow, column: &str) -> Result<RunStatus, sqlx::Error> {
+pub(crate) fn status(row: &EngineRow, column: &str) -> sqlx::Result<RunStatus> {
     named(row, column, &RunStatus::ALL, RunStatus::name)
 }
 
@@ -199,7 +168,7 @@ pub(crate) fn status(row: &EngineRow, column: &str) -> Result<RunStatus, sqlx::E
 pub(crate) async fn begin_run(
     connection: &mut EngineConnection,
     header: &RunHeader,
-) -> Result<KnownRun, sqlx::Error> {
+) -> sqlx::Result<KnownRun> {
     let known = find_run(&mut *connection, &header.content_hash, &header.robot).await?;
     match known {
         Some(run) if matches!(run.status, RunStatus::Streaming | RunStatus::Complete) => Ok(run),
@@ -214,7 +183,7 @@ pub(crate) async fn begin(
     header: &RunHeader,
     identity: Identity,
     beginning: RunStart,
-) -> Result<BegunRun, sqlx::Error> {
+) -> sqlx::Result<BegunRun> {
     let mut afresh_instead = false;
     let run = match (beginning.continues, &beginning.made_with) {
         (Some(run_id), _) if beginning.afresh => afresh(&mut *connection, run_id, header).await?,
@@ -243,7 +212,7 @@ pub(crate) async fn begin(
     Ok(BegunRun { run, afresh: afresh_instead })
 }
 
-async fn insert_new(connection: &mut EngineConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
+async fn insert_new(connection: &mut EngineConnection, header: &RunHeader) -> sqlx::Result<KnownRun> {
     let robot_id = robot_id(&mut *connection, &header.robot).await?;
     Ok(begun(insert_run(connection, robot_id, header).await?))
 }
@@ -253,7 +222,7 @@ async fn afresh(
     connection: &mut EngineConnection,
     run_id: i64,
     header: &RunHeader,
-) -> Result<KnownRun, sqlx::Error> {
+) -> sqlx::Result<KnownRun> {
     stored_cycles::delete_all(&mut *connection, run_id).await?;
     resume::forget(&mut *connection, run_id).await?;
     let robot_id = robot_id(&mut *connection, &header.robot).await?;
@@ -267,7 +236,7 @@ async fn continues(
     run_id: i64,
     header: &RunHeader,
     identity: Identity,
-) -> Result<KnownRun, sqlx::Error> {
+) -> sqlx::Result<KnownRun> {
     let known = run_by_key(&mut *connection, run_id).await?;
     let is_whole = matches!(identity, Identity::Content(_));
     match known.status {
@@ -299,7 +268,7 @@ async fn continues(
 
 /// Lets `run_id` supersede `old`: when `run_id` is complete if `old` is complete, at once if the file of `old` changed
 /// before its end.
-async fn replace(connection: &mut EngineConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+async fn replace(connection: &mut EngineConnection, run_id: i64, old: i64) -> sqlx::Result<()> {
     if run_by_key(&mut *connection, old).await?.status == RunStatus::Complete {
         set_replaced(connection, run_id, old).await
     } else {
@@ -313,7 +282,7 @@ pub(crate) async fn adopt(
     connection: &mut EngineConnection,
     run_id: i64,
     content: &ContentPrefix,
-) -> Result<Owner, sqlx::Error> {
+) -> sqlx::Result<Owner> {
     let robot: String =
         sqlx::query_scalar("SELECT robot.name FROM run JOIN robot USING (robot_id) WHERE run_id = $1")
             .bind(run_id)
@@ -344,7 +313,7 @@ pub(crate) async fn find_run(
     executor: impl EngineExecutor<'_>,
     hash: &ContentHash,
     robot: &str,
-) -> Result<Option<KnownRun>, sqlx::Error> {
+) -> sqlx::Result<Option<KnownRun>> {
     sqlx::query(
         "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
                      THEN 'set_aside' ELSE 'superseded' END AS status, reason,
@@ -355,15 +324,13 @@ pub(crate) async fn find_run(
          ORDER BY CASE WHEN robot.name = $2 THEN 0 ELSE 1 END, run_id
          LIMIT 1",
     )
-    .bind(&hash.0[..])
-    .bind(robot)
-    .bind(UNKNOWN_ROBOT)
+    .bind_all((&hash.0[..], robot, UNKNOWN_ROBOT))
     .try_map(|row| known_run(&row))
     .fetch_optional(executor)
     .await
 }
 
-async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
+async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<KnownRun> {
     sqlx::query(
         "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
                      THEN 'set_aside' ELSE 'superseded' END AS status, reason,
@@ -378,7 +345,7 @@ async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Kn
 }
 
 /// Reads run_id, status, reason, cycles_stored and retry_asked.
-pub(crate) fn known_run(row: &EngineRow) -> Result<KnownRun, sqlx::Error> {
+pub(crate) fn known_run(row: &EngineRow) -> sqlx::Result<KnownRun> {
     Ok(KnownRun {
         run_id: row.try_get("run_id")?,
         status: status(row, "status")?,
@@ -392,19 +359,14 @@ pub(crate) async fn insert_run(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     header: &RunHeader,
-) -> Result<i64, sqlx::Error> {
+) -> sqlx::Result<i64> {
     sqlx::query_scalar(
         "INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status)
          VALUES ($1, $2, $3, $4, $5, $6, $7, 'streaming')
          RETURNING run_id",
     )
-    .bind(robot_id)
-    .bind(&header.model)
-    .bind(header.started_at.as_microsecond())
-    .bind(&header.source_name)
-    .bind(&header.source_path)
-    .bind(count(header.source_bytes))
-    .bind(&header.content_hash.0[..])
+    .bind_all((robot_id, &header.model, header.started_at.as_microsecond(), &header.source_name))
+    .bind_all((&header.source_path, count(header.source_bytes), &header.content_hash.0[..]))
     .fetch_one(executor)
     .await
 }
@@ -415,7 +377,7 @@ async fn reopen_run(
     run_id: i64,
     robot_id: i64,
     header: &RunHeader,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET started_at = CASE WHEN recorded_start IS NULL OR source_name <> $4 OR coalesce(set_aside, '') = 'arrival_order'
@@ -430,20 +392,14 @@ async fn reopen_run(
              reason_line = NULL, reason_column = NULL, retry_asked_at = NULL
          WHERE run_id = $7",
     )
-    .bind(robot_id)
-    .bind(&header.model)
-    .bind(header.started_at.as_microsecond())
-    .bind(&header.source_name)
-    .bind(&header.source_path)
-    .bind(count(header.source_bytes))
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((robot_id, &header.model, header.started_at.as_microsecond(), &header.source_name))
+    .bind_all((&header.source_path, count(header.source_bytes), run_id))
+    .run(executor)
+    .await
 }
 
 /// Opens a complete run for further cycles. A trigger deletes the results of the run as a whole.
-async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET status = 'streaming', rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL,
@@ -451,9 +407,8 @@ async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<()
          WHERE run_id = $1",
     )
     .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn identify(
@@ -461,14 +416,11 @@ async fn identify(
     run_id: i64,
     hash: &ContentHash,
     bytes: u64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE run SET content_hash = $1, source_bytes = $2, growing = FALSE WHERE run_id = $3")
-        .bind(&hash.0[..])
-        .bind(count(bytes))
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((&hash.0[..], count(bytes), run_id))
+        .run(executor)
+        .await
 }
 
 /// Stores that the export of a run grows. The key becomes a random number that no content has, so that a copy of its
@@ -477,17 +429,14 @@ async fn identify_growing(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     prefix: &ContentPrefix,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run SET content_hash = randomblob(32), growing = TRUE, prefix_bytes = $1, prefix_hash = $2
          WHERE run_id = $3",
     )
-    .bind(count(prefix.bytes))
-    .bind(&prefix.hash.0[..])
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((count(prefix.bytes), &prefix.hash.0[..], run_id))
+    .run(executor)
+    .await
 }
 
 /// Start of a run that accepts cycles from this session, in microseconds; `None` if it accepts none.
@@ -495,7 +444,7 @@ pub(crate) async fn open_run_start(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     session: Option<i64>,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     let start = "SELECT started_at FROM run
                  WHERE run_id = $1 AND status = 'streaming' AND host_session_id IS NOT DISTINCT FROM $2";
     sqlx::query_scalar(start).bind(run_id).bind(session).fetch_optional(executor).await
@@ -506,7 +455,7 @@ pub(crate) async fn robot_of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     session: Option<i64>,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     let robot = "SELECT robot_id FROM run
                  WHERE run_id = $1 AND status <> 'quarantined'
                        AND (status <> 'streaming' OR host_session_id IS NOT DISTINCT FROM $2)";
@@ -515,7 +464,7 @@ pub(crate) async fn robot_of_run(
 
 /// Ends a run whose file is gone. Its content remains unknown, so the key becomes a random number that no content has.
 /// The stored first bytes identify the file if it returns.
-async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -> Result<bool, sqlx::Error> {
+async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -> sqlx::Result<bool> {
     let done = sqlx::query(
         "UPDATE run
          SET status = 'quarantined', reason = $2, growing = TRUE, content_hash = randomblob(32),
@@ -523,15 +472,14 @@ async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -
              prefix_hash = CASE WHEN cycles_stored > 0 THEN coalesce(prefix_hash, content_hash) ELSE NULL END
          WHERE run_id = $1 AND status = 'streaming'",
     )
-    .bind(run_id)
-    .bind(reason)
+    .bind_all((run_id, reason))
     .execute(executor)
     .await?;
     Ok(done.rows_affected() > 0)
 }
 
 /// True if a run was read to its end.
-async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<bool> {
     sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE run_id = $1 AND status = 'complete')")
         .bind(run_id)
         .fetch_one(executor)
@@ -539,17 +487,15 @@ async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<b
 }
 
 /// Stores the kind of a run if it differs from the stored one.
-async fn set_kind(executor: impl EngineExecutor<'_>, run_id: i64, kind: RunKind) -> Result<(), sqlx::Error> {
+async fn set_kind(executor: impl EngineExecutor<'_>, run_id: i64, kind: RunKind) -> sqlx::Result<()> {
     sqlx::query("UPDATE run SET kind = $1 WHERE run_id = $2 AND kind <> $1")
-        .bind(kind.name())
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((kind.name(), run_id))
+        .run(executor)
+        .await
 }
 
 /// Deletes an incomplete run with its cycles. Returns true if there was one.
-async fn discard(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+async fn discard(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<bool> {
     let done = sqlx::query("DELETE FROM run WHERE run_id = $1 AND status <> 'complete'")
         .bind(run_id)
         .execute(executor)

@@ -9,7 +9,7 @@ use sqlx::Row;
 use super::attempts::AttemptKind;
 use super::runs::{BegunRun, Identity, KnownRun, RunStart, known_run};
 use super::{attempts, blocked, runs};
-use crate::engine::{EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models::StoredModel;
@@ -124,18 +124,12 @@ impl Store {
     }
 
     /// State of the export that was at `path` in this state when it was last read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_source(&self, path: &str, state: SourceState) -> Result<Option<KnownRun>, StoreError> {
         self.checked(find(&self.readers, path, state).await)
     }
 
     /// State of the exports that were at `paths` when they were last read, by path: size in bytes, time of the last
     /// modification in microseconds UTC, and run. Unknown paths are omitted.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_sources(
         &self,
         paths: &[String],
@@ -144,9 +138,6 @@ impl Store {
     }
 
     /// Stores that the file at `path`, in this state, holds the export of a run. This ends the attempt at it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remember_source(
         &self,
         path: &str,
@@ -162,9 +153,6 @@ impl Store {
 
     /// Runs whose export was at `path`, was in the file of this number under another name, or is of this recording
     /// (robot and start): first that of the path, then the newest.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn earlier_runs(
         &self,
         path: &str,
@@ -176,9 +164,6 @@ impl Store {
 
     /// Files of incomplete runs, as they were when the runs were last begun. Omits those of other hosts and those that
     /// other programs read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
         let mut found = self.checked(unfinished(&self.readers).await)?;
         let of_others = self.runs_of_others().await?;
@@ -193,9 +178,6 @@ impl Store {
     }
 
     /// Identity of the export of a run; `None` if the run is unknown.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
         let Some(mut source) = self.checked(of_run(&self.readers, run_id).await)? else {
             return Ok(None);
@@ -217,9 +199,6 @@ impl Store {
 
     /// Content with this file name: that of the latest run with this name that is neither quarantined, superseded nor
     /// growing.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn content_named(&self, source_name: &str) -> Result<Option<ContentHash>, StoreError> {
         self.checked(content_named(&self.readers, source_name).await)
     }
@@ -229,7 +208,7 @@ pub(crate) async fn find(
     executor: impl EngineExecutor<'_>,
     path: &str,
     state: SourceState,
-) -> Result<Option<KnownRun>, sqlx::Error> {
+) -> sqlx::Result<Option<KnownRun>> {
     sqlx::query(
         "SELECT run.run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
                      THEN 'set_aside' ELSE 'superseded' END AS status, run.reason,
@@ -237,9 +216,7 @@ pub(crate) async fn find(
          FROM source_file JOIN run USING (run_id)
          WHERE source_file.path = $1 AND source_file.bytes = $2 AND source_file.modified = $3",
     )
-    .bind(path)
-    .bind(count(state.bytes))
-    .bind(state.modified.as_microsecond())
+    .bind_all((path, count(state.bytes), state.modified.as_microsecond()))
     .try_map(|row| known_run(&row))
     .fetch_optional(executor)
     .await
@@ -249,7 +226,7 @@ pub(crate) async fn find(
 async fn find_all(
     executor: impl EngineExecutor<'_>,
     paths: &[String],
-) -> Result<HashMap<String, (u64, i64, KnownRun)>, sqlx::Error> {
+) -> sqlx::Result<HashMap<String, (u64, i64, KnownRun)>> {
     let asked = serde_json::Value::from(paths.to_vec()).to_string();
     let rows = sqlx::query(
         "SELECT source_file.path, source_file.bytes, source_file.modified, run.run_id,
@@ -283,7 +260,7 @@ pub(crate) async fn earlier_runs(
     path: &str,
     file: FileId,
     recording: Option<RecordingName<'_>>,
-) -> Result<Vec<EarlierRun>, sqlx::Error> {
+) -> sqlx::Result<Vec<EarlierRun>> {
     sqlx::query(
         "WITH earlier AS (
              SELECT run_id FROM source_file WHERE path = $1
@@ -312,15 +289,9 @@ pub(crate) async fn earlier_runs(
          JOIN robot USING (robot_id)
          ORDER BY same_path DESC, run_id DESC",
     )
-    .bind(path)
-    .bind(file.inode.cast_signed())
-    .bind(file.device.cast_signed())
-    .bind(MOST_OF_NUMBER)
-    .bind(recording.map(|of| of.robot))
-    .bind(recording.map(|of| of.started_at.as_microsecond()))
-    .bind(recording.map(|of| of.source_name))
-    .bind(ZONES_APART)
-    .bind(MOST_OF_RECORDING)
+    .bind_all((path, file.inode.cast_signed(), file.device.cast_signed(), MOST_OF_NUMBER))
+    .bind_all((recording.map(|of| of.robot), recording.map(|of| of.started_at.as_microsecond())))
+    .bind_all((recording.map(|of| of.source_name), ZONES_APART, MOST_OF_RECORDING))
     .try_map(|row: EngineRow| {
         let hash: Vec<u8> = row.try_get("hash")?;
         let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
@@ -340,9 +311,7 @@ pub(crate) async fn earlier_runs(
 }
 
 /// Files of incomplete runs.
-pub(crate) async fn unfinished(
-    executor: impl EngineExecutor<'_>,
-) -> Result<Vec<UnfinishedSource>, sqlx::Error> {
+pub(crate) async fn unfinished(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<UnfinishedSource>> {
     sqlx::query(
         "SELECT run.run_id, path, bytes, modified, growing
          FROM run JOIN source_file USING (run_id)
@@ -373,19 +342,15 @@ pub(crate) async fn remember(
     path: &str,
     state: SourceState,
     run_id: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "INSERT INTO source_file (path, bytes, modified, run_id) VALUES ($1, $2, $3, $4)
          ON CONFLICT (path) DO UPDATE
          SET bytes = excluded.bytes, modified = excluded.modified, run_id = excluded.run_id",
     )
-    .bind(path)
-    .bind(count(state.bytes))
-    .bind(state.modified.as_microsecond())
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((path, count(state.bytes), state.modified.as_microsecond(), run_id))
+    .run(executor)
+    .await
 }
 
 /// Stores the file that a run is read from, and the session that reads it.
@@ -394,22 +359,18 @@ async fn set_file(
     run_id: i64,
     file: FileId,
     session: Option<i64>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE run SET device = $1, inode = $2, host_session_id = $4 WHERE run_id = $3")
-        .bind(file.device.cast_signed())
-        .bind(file.inode.cast_signed())
-        .bind(run_id)
-        .bind(session)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((file.device.cast_signed(), file.inode.cast_signed(), run_id, session))
+        .run(executor)
+        .await
 }
 
 /// Run `run_id` with the first of its paths.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Option<RunSource>, sqlx::Error> {
+) -> sqlx::Result<Option<RunSource>> {
     sqlx::query(
         "SELECT run.run_id, robot.name AS robot, source_name, source_path, content_hash,
                 run.robot_model_id, robot_model.name AS model, description_hash
@@ -445,7 +406,7 @@ pub(crate) async fn of_run(
 }
 
 /// Known paths of a run's export, latest modification first.
-async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
+async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Vec<String>> {
     sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = $1 ORDER BY modified DESC, path")
         .bind(run_id)
         .fetch_all(executor)
@@ -457,7 +418,7 @@ async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<
 pub(crate) async fn content_named(
     executor: impl EngineExecutor<'_>,
     source_name: &str,
-) -> Result<Option<ContentHash>, sqlx::Error> {
+) -> sqlx::Result<Option<ContentHash>> {
     let hash: Option<Vec<u8>> = sqlx::query_scalar(
         "SELECT content_hash FROM run
          WHERE source_name = $1 AND status <> 'quarantined' AND NOT growing

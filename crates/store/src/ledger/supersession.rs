@@ -2,26 +2,21 @@
 
 use sqlx::Row;
 
-use crate::engine::{EngineConnection, EngineExecutor};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, Run};
 
 pub(crate) async fn set_replaced(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     old: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE run SET replaces_run_id = $1 WHERE run_id = $2")
-        .bind(old)
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((old, run_id))
+        .run(executor)
+        .await
 }
 
 /// Run that this one supersedes when it is complete.
-pub(crate) async fn replaced_by(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<Option<i64>, sqlx::Error> {
+pub(crate) async fn replaced_by(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Option<i64>> {
     let found: Option<Option<i64>> = sqlx::query_scalar("SELECT replaces_run_id FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_optional(executor)
@@ -43,7 +38,7 @@ pub(crate) enum Contest {
 /// Compares two runs of a recording by their cycles with a result. If the file was overwritten, its old content is
 /// gone, so one result is enough. A file under another path must have as many results, since a part of a copy is no
 /// correction.
-async fn contest(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> Result<Contest, sqlx::Error> {
+async fn contest(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> sqlx::Result<Contest> {
     let row = sqlx::query(
         "SELECT new.kind = old.kind AS same_kind, new.source_path = old.source_path AS same_path,
                 new.cycles_stored AS new_cycles, old.cycles_stored AS old_cycles,
@@ -52,8 +47,7 @@ async fn contest(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> Re
          FROM run AS new, run AS old
          WHERE new.run_id = $1 AND old.run_id = $2",
     )
-    .bind(run_id)
-    .bind(old)
+    .bind_all((run_id, old))
     .fetch_one(executor)
     .await?;
     let (new_good, old_good): (i64, i64) = (row.try_get("new_good")?, row.try_get("old_good")?);
@@ -68,40 +62,28 @@ async fn contest(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> Re
 }
 
 /// Marks `old` as superseded by `run_id`. Its rows stay.
-pub(crate) async fn supersede(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    old: i64,
-) -> Result<(), sqlx::Error> {
+pub(crate) async fn supersede(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET status = 'quarantined', reason = 'superseded by run ' || $1 || ': the recording was exported again',
              reason_line = NULL, reason_column = NULL, retry_asked_at = NULL, superseded_by_run_id = $1
          WHERE run_id = $2 AND superseded_by_run_id IS NULL",
     )
-    .bind(run_id)
-    .bind(old)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, old))
+    .run(executor)
+    .await
 }
 
 /// Makes `other` the successor of the runs that `run_id` has superseded.
-pub(crate) async fn hand_on(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    other: i64,
-) -> Result<(), sqlx::Error> {
+pub(crate) async fn hand_on(executor: impl EngineExecutor<'_>, run_id: i64, other: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET reason = 'superseded by run ' || $1 || substr(reason, instr(reason, ':')), superseded_by_run_id = $1
          WHERE superseded_by_run_id = $2",
     )
-    .bind(other)
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((other, run_id))
+    .run(executor)
+    .await
 }
 
 /// Lets `run_id`, which is read to its end, supersede `old` if it wins the [contest](Contest). Returns the outcome.
@@ -109,7 +91,7 @@ pub(crate) async fn supersede_worse(
     connection: &mut EngineConnection,
     run_id: i64,
     old: i64,
-) -> Result<Contest, sqlx::Error> {
+) -> sqlx::Result<Contest> {
     let contest = contest(&mut *connection, run_id, old).await?;
     if contest == Contest::New {
         supersede(connection, run_id, old).await?;
@@ -118,20 +100,14 @@ pub(crate) async fn supersede_worse(
 }
 
 /// Sets aside a complete run without a result, since `old` is the same recording and has results. Its rows stay.
-pub(crate) async fn set_aside(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    old: i64,
-) -> Result<(), sqlx::Error> {
+pub(crate) async fn set_aside(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run
          SET status = 'quarantined', superseded_by_run_id = $1,
              reason = 'does not replace run ' || $1 || ', which is the same recording: no cycle has a result'
          WHERE run_id = $2",
     )
-    .bind(old)
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((old, run_id))
+    .run(executor)
+    .await
 }

@@ -89,7 +89,7 @@ impl OwnHost {
     }
 
     /// True if there is no session, or it has not ended. Every transaction that writes checks it.
-    pub(crate) async fn is_alive(&self, executor: impl EngineExecutor<'_>) -> Result<bool, sqlx::Error> {
+    pub(crate) async fn is_alive(&self, executor: impl EngineExecutor<'_>) -> sqlx::Result<bool> {
         let Some(session) = self.session() else { return Ok(true) };
         let alive = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM host_session WHERE host_session_id = $1 AND ended_at IS NULL)",

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::engine::EngineExecutor;
+use crate::engine::{Bind, EngineExecutor, Run};
 use crate::values::{standard_parameter, unreadable};
 use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use armwatch_model::robot::{JointIndex, ParameterId};
@@ -12,25 +12,22 @@ pub(crate) async fn record(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     response: &ChannelResponse,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let parameters: Vec<String> = response.parameters.iter().map(ToString::to_string).collect();
     sqlx::query(
         "INSERT INTO channel_response (run_id, parameters, numbers) VALUES ($1, $2, $3)
          ON CONFLICT (run_id) DO UPDATE SET parameters = excluded.parameters, numbers = excluded.numbers",
     )
-    .bind(run_id)
-    .bind(parameters.join(" "))
-    .bind(packed(response))
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, parameters.join(" "), packed(response)))
+    .run(executor)
+    .await
 }
 
 /// The response of a run; `None` for a run without parameters, or stored before responses existed.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Option<Arc<ChannelResponse>>, sqlx::Error> {
+) -> sqlx::Result<Option<Arc<ChannelResponse>>> {
     let row: Option<(String, Vec<u8>)> =
         sqlx::query_as("SELECT parameters, numbers FROM channel_response WHERE run_id = $1")
             .bind(run_id)

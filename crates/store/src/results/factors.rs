@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use sqlx::{QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
@@ -58,9 +58,6 @@ pub enum FactorsWanted {
 
 impl Store {
     /// Reads the factors of a run's cycles, in the order of the cycles; omits cycles without any.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn factors_of_run(
         &self,
         run_id: i64,
@@ -72,9 +69,6 @@ impl Store {
 
     /// Reads the factors of some cycles of a run, given by their numbers in ascending order; omits cycles without any.
     /// Memory does not grow with the run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn factors_of_cycles(
         &self,
         run_id: i64,
@@ -92,7 +86,7 @@ pub(crate) async fn record(
     robot_model_id: i64,
     keys: &HashMap<ParameterId, i64>,
     factors: &CycleFactors,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if factors.factors.is_empty() {
         return Ok(());
     }
@@ -110,7 +104,7 @@ pub(crate) async fn record_contrast(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     contrasts: &[WarmingContrast],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if contrasts.is_empty() {
         return Ok(());
     }
@@ -127,15 +121,13 @@ pub(crate) async fn record_contrast(
     .push_values(parts, |mut row, (joint, part, pair)| {
         row.push_bind(cycle_id).push_bind(joint).push_bind(part);
         for rmsd in [pair.all_rows, pair.moving_rows] {
-            row.push_bind(of_some_rows(rmsd, rmsd.value))
-                .push_bind(of_some_rows(rmsd, rmsd.relative))
+            row.bind_all((of_some_rows(rmsd, rmsd.value), of_some_rows(rmsd, rmsd.relative)))
                 .push_bind(count(rmsd.samples));
         }
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Factors of the cycles of a run that have any, in the order of the cycles.
@@ -143,7 +135,7 @@ pub(crate) async fn of_run(
     connection: &mut EngineConnection,
     run_id: i64,
     wanted: FactorsWanted,
-) -> Result<Vec<StoredCycle>, sqlx::Error> {
+) -> sqlx::Result<Vec<StoredCycle>> {
     read(connection, run_id, wanted, 0..=u32::MAX).await
 }
 
@@ -152,7 +144,7 @@ async fn of_cycles(
     connection: &mut EngineConnection,
     run_id: i64,
     cycles: &[u32],
-) -> Result<Vec<StoredCycle>, sqlx::Error> {
+) -> sqlx::Result<Vec<StoredCycle>> {
     let (Some(&first), Some(&last)) = (cycles.first(), cycles.last()) else { return Ok(Vec::new()) };
     let mut read = read(connection, run_id, FactorsWanted::All, first..=last).await?;
     read.retain(|cycle| cycles.contains(&cycle.cycle));
@@ -164,7 +156,7 @@ async fn read(
     run_id: i64,
     wanted: FactorsWanted,
     range: RangeInclusive<u32>,
-) -> Result<Vec<StoredCycle>, sqlx::Error> {
+) -> sqlx::Result<Vec<StoredCycle>> {
     let mut layouts: HashMap<i64, FactorLayout> = HashMap::new();
     let mut cycles = Vec::new();
     let mut factors = factors_by_cycle(&mut *connection, run_id, wanted, &range).await?;
@@ -211,7 +203,7 @@ pub(super) async fn heads(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     range: &RangeInclusive<u32>,
-) -> Result<Vec<FactorHead>, sqlx::Error> {
+) -> sqlx::Result<Vec<FactorHead>> {
     sqlx::query(
         "SELECT cycle.cycle_id, robot.name AS robot, cycle.number AS cycle, cutoff_hz, cycle.sample_rate_hz,
                 cycle.status = 'complete' AND NOT cycle.doubtful AS counts,
@@ -225,9 +217,7 @@ pub(super) async fn heads(
          WHERE run_id = $1 AND cycle.number BETWEEN $2 AND $3
          ORDER BY cycle.number",
     )
-    .bind(run_id)
-    .bind(range.start())
-    .bind(range.end())
+    .bind_all((run_id, range.start(), range.end()))
     .try_map(|row: EngineRow| {
         Ok(FactorHead {
             cycle_id: row.try_get("cycle_id")?,
@@ -249,7 +239,7 @@ pub(super) async fn factors_by_cycle(
     run_id: i64,
     wanted: FactorsWanted,
     range: &RangeInclusive<u32>,
-) -> Result<HashMap<i64, Vec<TorqueFactor>>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, Vec<TorqueFactor>>> {
     let rows = sqlx::query(
         "SELECT cycle_id, joint, stage, motion, torque_factor.rows, factor
          FROM cycle
@@ -258,10 +248,7 @@ pub(super) async fn factors_by_cycle(
                AND ($4 OR (stage = 'excitation' AND motion = 'moving'))
          ORDER BY cycle_id, torque_factor_id",
     )
-    .bind(run_id)
-    .bind(range.start())
-    .bind(range.end())
-    .bind(wanted == FactorsWanted::All)
+    .bind_all((run_id, range.start(), range.end(), wanted == FactorsWanted::All))
     .try_map(|row: EngineRow| {
         let factor = TorqueFactor {
             joint: joint(&row, "joint")?,
@@ -284,7 +271,7 @@ pub(super) async fn factors_by_cycle(
 async fn shares_by_cycle(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<HashMap<i64, Vec<f64>>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, Vec<f64>>> {
     let rows: Vec<(i64, f64)> = sqlx::query_as(
         "SELECT cycle_id, coalesce(independent_share, 1.0)
          FROM cycle
@@ -305,7 +292,7 @@ async fn shares_by_cycle(
 pub(super) async fn layout(
     connection: &mut EngineConnection,
     factor_layout_id: i64,
-) -> Result<FactorLayout, sqlx::Error> {
+) -> sqlx::Result<FactorLayout> {
     let (model, columns) = read_layout(&mut *connection, factor_layout_id).await?;
     let keys = models::parameter_keys(connection, model.robot_model_id).await?;
     let ids: HashMap<i64, ParameterId> = keys.into_iter().map(|(id, key)| (key, id)).collect();
@@ -314,7 +301,7 @@ pub(super) async fn layout(
     let named = |key: &i64| {
         ids.get(key).copied().ok_or_else(|| sqlx::Error::Decode(format!("no parameter has key {key}").into()))
     };
-    let by_joint: Result<Vec<Vec<ParameterId>>, sqlx::Error> =
+    let by_joint: sqlx::Result<Vec<Vec<ParameterId>>> =
         listed.iter().map(|of| of.iter().map(named).collect()).collect();
     Ok((model, by_joint?.into()))
 }
@@ -322,7 +309,7 @@ pub(super) async fn layout(
 async fn read_layout(
     executor: impl EngineExecutor<'_>,
     factor_layout_id: i64,
-) -> Result<(StoredModel, String), sqlx::Error> {
+) -> sqlx::Result<(StoredModel, String)> {
     sqlx::query(
         "SELECT robot_model_id, name, description_hash, columns
          FROM factor_layout
@@ -347,20 +334,18 @@ async fn layout_id(
     connection: &mut EngineConnection,
     robot_model_id: i64,
     columns: &str,
-) -> Result<i64, sqlx::Error> {
+) -> sqlx::Result<i64> {
     sqlx::query(
         "INSERT INTO factor_layout (robot_model_id, columns) VALUES ($1, $2)
          ON CONFLICT (robot_model_id, columns) DO NOTHING",
     )
-    .bind(robot_model_id)
-    .bind(columns)
+    .bind_all((robot_model_id, columns))
     .execute(&mut *connection)
     .await?;
     sqlx::query_scalar(
         "SELECT factor_layout_id FROM factor_layout WHERE robot_model_id = $1 AND columns = $2",
     )
-    .bind(robot_model_id)
-    .bind(columns)
+    .bind_all((robot_model_id, columns))
     .fetch_one(connection)
     .await
 }
@@ -369,46 +354,38 @@ async fn insert_cycle_layout(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     factor_layout_id: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("INSERT INTO cycle_factor_layout (cycle_id, factor_layout_id) VALUES ($1, $2)")
-        .bind(cycle_id)
-        .bind(factor_layout_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((cycle_id, factor_layout_id))
+        .run(executor)
+        .await
 }
 
 async fn insert_factors(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[TorqueFactor],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new("INSERT INTO torque_factor (cycle_id, joint, stage, motion, rows, factor) ")
         .push_values(rows, |mut row, factor| {
-            row.push_bind(cycle_id)
-                .push_bind(joint_number(factor.joint))
-                .push_bind(factor.stage.name())
-                .push_bind(factor.motion.name())
-                .push_bind(count(factor.rows))
-                .push_bind(bytes(&factor.upper));
+            row.bind_all((cycle_id, joint_number(factor.joint), factor.stage.name())).bind_all((
+                factor.motion.name(),
+                count(factor.rows),
+                bytes(&factor.upper),
+            ));
         })
         .build()
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
-fn columns_text(
-    keys: &HashMap<ParameterId, i64>,
-    columns: &[Vec<ParameterId>],
-) -> Result<String, sqlx::Error> {
+fn columns_text(keys: &HashMap<ParameterId, i64>, columns: &[Vec<ParameterId>]) -> sqlx::Result<String> {
     let key = |id: &ParameterId| {
         keys.get(id)
             .copied()
             .ok_or_else(|| sqlx::Error::Encode(format!("parameter {id} is not in the model").into()))
     };
-    let listed: Result<Vec<Vec<i64>>, sqlx::Error> =
-        columns.iter().map(|of| of.iter().map(key).collect()).collect();
+    let listed: sqlx::Result<Vec<Vec<i64>>> = columns.iter().map(|of| of.iter().map(key).collect()).collect();
     serde_json::to_string(&listed?).map_err(|error| sqlx::Error::Encode(error.into()))
 }
 
@@ -416,7 +393,7 @@ pub(super) fn bytes(numbers: &[f64]) -> Vec<u8> {
     numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-pub(super) fn numbers(bytes: &[u8]) -> Result<Vec<f64>, sqlx::Error> {
+pub(super) fn numbers(bytes: &[u8]) -> sqlx::Result<Vec<f64>> {
     let (numbers, rest) = bytes.as_chunks::<8>();
     if rest.is_empty() {
         Ok(numbers.iter().map(|of| f64::from_le_bytes(*of)).collect())

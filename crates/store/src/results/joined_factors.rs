@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row};
 
 use super::factors::{self, FactorLayout, FactorsWanted, STAGES};
 use super::production_evidence;
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models::StoredModel;
@@ -52,9 +52,6 @@ impl WindowsToJoin {
 
 impl Store {
     /// Factors that windows of a run were joined into, one entry per choice of columns; none for a test.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn joined_factors(&self, run_id: i64) -> Result<Vec<JoinedFactors>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(joined_factors(&mut connection, run_id).await)
@@ -62,9 +59,6 @@ impl Store {
 
     /// The first windows of a run, at most `most`, that have their own factors over the same columns; `None` if no
     /// window has.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn windows_to_join(
         &self,
         run_id: i64,
@@ -76,9 +70,6 @@ impl Store {
 
     /// Replaces the factors of `windows` by `joined`, in one transaction. Returns `false` and changes nothing if the
     /// stored factors have changed, or their run is being read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn join_windows(
         &self,
         windows: &WindowsToJoin,
@@ -95,10 +86,7 @@ impl Store {
     }
 }
 
-async fn joined_factors(
-    connection: &mut EngineConnection,
-    run_id: i64,
-) -> Result<Vec<JoinedFactors>, sqlx::Error> {
+async fn joined_factors(connection: &mut EngineConnection, run_id: i64) -> sqlx::Result<Vec<JoinedFactors>> {
     let layouts: Vec<i64> = sqlx::query_scalar(
         "SELECT DISTINCT factor_layout_id FROM log_factor WHERE run_id = $1 ORDER BY factor_layout_id",
     )
@@ -118,7 +106,7 @@ async fn windows_to_join(
     connection: &mut EngineConnection,
     run_id: i64,
     most: usize,
-) -> Result<Option<WindowsToJoin>, sqlx::Error> {
+) -> sqlx::Result<Option<WindowsToJoin>> {
     let heads = factors::heads(&mut *connection, run_id, &(0..=u32::MAX)).await?;
     let Some(first) = heads.first() else { return Ok(None) };
     let alike: Vec<_> = heads.iter().take_while(|head| head.layout == first.layout).take(most).collect();
@@ -137,14 +125,13 @@ async fn of_layout(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     layout: i64,
-) -> Result<Vec<TorqueFactor>, sqlx::Error> {
+) -> sqlx::Result<Vec<TorqueFactor>> {
     sqlx::query(
         "SELECT joint, stage, motion, rows, factor FROM log_factor
          WHERE run_id = $1 AND factor_layout_id = $2
          ORDER BY log_factor_id",
     )
-    .bind(run_id)
-    .bind(layout)
+    .bind_all((run_id, layout))
     .try_map(|row: EngineRow| {
         Ok(TorqueFactor {
             joint: joint(&row, "joint")?,
@@ -159,23 +146,18 @@ async fn of_layout(
 }
 
 /// Checks that the windows still have the factors that were read, and that their log is not being read.
-async fn are_as_read(
-    connection: &mut EngineConnection,
-    windows: &WindowsToJoin,
-) -> Result<bool, sqlx::Error> {
+async fn are_as_read(connection: &mut EngineConnection, windows: &WindowsToJoin) -> sqlx::Result<bool> {
     let joined_rows: i64 = sqlx::query_scalar(
         "SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM log_factor WHERE run_id = $1 AND factor_layout_id = $2",
     )
-    .bind(windows.run_id)
-    .bind(windows.layout)
+    .bind_all((windows.run_id, windows.layout))
     .fetch_one(&mut *connection)
     .await?;
     let left: Vec<i64> = sqlx::query_scalar(
         "SELECT cycle_id FROM run JOIN cycle USING (run_id) JOIN cycle_factor_layout USING (cycle_id)
          WHERE run_id = $1 AND factor_layout_id = $2 AND run.status <> 'streaming'",
     )
-    .bind(windows.run_id)
-    .bind(windows.layout)
+    .bind_all((windows.run_id, windows.layout))
     .fetch_all(connection)
     .await?;
     let left: HashSet<i64> = left.into_iter().collect();
@@ -186,10 +168,9 @@ async fn replace(
     connection: &mut EngineConnection,
     windows: &WindowsToJoin,
     joined: &CycleFactors,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM log_factor WHERE run_id = $1 AND factor_layout_id = $2")
-        .bind(windows.run_id)
-        .bind(windows.layout)
+        .bind_all((windows.run_id, windows.layout))
         .execute(&mut *connection)
         .await?;
     for rows in joined.factors.chunks(ROWS_PER_STATEMENT) {
@@ -202,23 +183,17 @@ async fn insert(
     executor: impl EngineExecutor<'_>,
     windows: &WindowsToJoin,
     rows: &[TorqueFactor],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO log_factor (run_id, factor_layout_id, joint, stage, motion, rows, factor) ",
     )
     .push_values(rows, |mut row, factor| {
-        row.push_bind(windows.run_id)
-            .push_bind(windows.layout)
-            .push_bind(joint_number(factor.joint))
-            .push_bind(factor.stage.name())
-            .push_bind(factor.motion.name())
-            .push_bind(count(factor.rows))
-            .push_bind(factors::bytes(&factor.upper));
+        row.bind_all((windows.run_id, windows.layout, joint_number(factor.joint), factor.stage.name()))
+            .bind_all((factor.motion.name(), count(factor.rows), factors::bytes(&factor.upper)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Deletes the factors of cycles and stores their fate.
@@ -226,7 +201,7 @@ pub(crate) async fn remove_of(
     connection: &mut EngineConnection,
     cycle_ids: &[i64],
     gone: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for ids in cycle_ids.chunks(ROWS_PER_STATEMENT) {
         production_evidence::remove_windows(&mut *connection, ids).await?;
         for (statement, end) in [

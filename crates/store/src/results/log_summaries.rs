@@ -18,7 +18,7 @@ use armwatch_model::robot::JointIndex;
 pub(crate) async fn summaries(
     connection: &mut EngineConnection,
     run_ids: &[i64],
-) -> Result<Vec<ProductionSummary>, sqlx::Error> {
+) -> sqlx::Result<Vec<ProductionSummary>> {
     let asked = json_list(run_ids);
     let logs = begun(&mut *connection, &asked).await?;
     let tests = tests_of_logs(&mut *connection, &asked).await?;
@@ -49,10 +49,7 @@ pub(crate) async fn summaries(
 }
 
 /// Runs of a list and their starts, oldest first.
-async fn begun(
-    executor: impl EngineExecutor<'_>,
-    run_ids: &str,
-) -> Result<Vec<(i64, Timestamp)>, sqlx::Error> {
+async fn begun(executor: impl EngineExecutor<'_>, run_ids: &str) -> sqlx::Result<Vec<(i64, Timestamp)>> {
     sqlx::query(
         "SELECT run_id, started_at FROM run
          WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))
@@ -72,10 +69,7 @@ struct TestOfLogs {
 }
 
 /// The tests with which the logs of a list are compared, in the order of recording.
-async fn tests_of_logs(
-    executor: impl EngineExecutor<'_>,
-    run_ids: &str,
-) -> Result<Vec<TestOfLogs>, sqlx::Error> {
+async fn tests_of_logs(executor: impl EngineExecutor<'_>, run_ids: &str) -> sqlx::Result<Vec<TestOfLogs>> {
     let rows = sqlx::query(
         "SELECT test.run_id, of_test.joint, of_test.relative_rmsd
          FROM (SELECT DISTINCT reference_run_id FROM production_summary
@@ -107,7 +101,7 @@ async fn tests_of_logs(
 async fn joints_of_logs(
     executor: impl EngineExecutor<'_>,
     run_ids: &str,
-) -> Result<Vec<(i64, i64, ProductionJoint)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, i64, ProductionJoint)>> {
     sqlx::query(
         "SELECT run_id, reference_run_id, joint, windows, relative_rmsd, friction_excess, friction_share
          FROM production_summary

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use sqlx::{FromRow, QueryBuilder, Row};
 
 use super::production_evidence;
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, of_some_rows, size};
@@ -19,18 +19,12 @@ use armwatch_model::analysis::{
 impl Store {
     /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be compared with, the best
     /// first: the latest that started no later and those before it, then the first that started later.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reference_runs(&self, run_id: i64, most: usize) -> Result<Vec<i64>, StoreError> {
         self.checked(reference_runs(&self.readers, run_id, most).await)
     }
 
     /// Complete tests of a robot that windows from a time on may be compared with, oldest first: those that started
     /// later, and for each of these descriptions the latest `most` before.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reference_tests(
         &self,
         robot_id: i64,
@@ -52,9 +46,6 @@ impl Store {
 
     /// Production windows of a robot that have factors, by run and number, with the test that they are compared with by
     /// `estimator`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn production_windows(
         &self,
         robot_id: i64,
@@ -64,9 +55,6 @@ impl Store {
     }
 
     /// The run whose parameters a production window was compared with.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
         self.checked(checked_against(&self.readers, run_id, cycle).await)
     }
@@ -77,7 +65,7 @@ pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,
     check: &ProductionCheck,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
         insert(&mut *connection, cycle_id, check, joints).await?;
     }
@@ -94,28 +82,23 @@ async fn insert(
     cycle_id: i64,
     of: &ProductionCheck,
     joints: &[JointCheck],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO production_check (cycle_id, joint, reference_run_id, estimator, rmsd_nm, relative_rmsd, samples,
                                        moving_rmsd_nm, moving_relative_rmsd, moving_samples, friction_excess, friction_share) ",
     )
     .push_values(joints, |mut row, check| {
-        row.push_bind(cycle_id)
-            .push_bind(joint_number(check.joint))
-            .push_bind(of.reference_run_id)
-            .push_bind(of.estimator.name());
+        row.bind_all((cycle_id, joint_number(check.joint), of.reference_run_id, of.estimator.name()));
         for rmsd in [check.rmsd.all_rows, check.rmsd.moving_rows] {
-            row.push_bind(of_some_rows(rmsd, rmsd.value))
-                .push_bind(of_some_rows(rmsd, rmsd.relative))
+            row.bind_all((of_some_rows(rmsd, rmsd.value), of_some_rows(rmsd, rmsd.relative)))
                 .push_bind(count(rmsd.samples));
         }
         row.push_bind(check.friction.and_then(|friction| finite(friction.excess)))
             .push_bind(check.friction.and_then(|friction| finite(friction.share)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// At most `most` complete tests with parameters of the robot of `run_id`: first those that started no later, latest
@@ -124,7 +107,7 @@ pub(crate) async fn reference_runs(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     most: usize,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT run_id
          FROM (
@@ -151,8 +134,7 @@ pub(crate) async fn reference_runs(
          ORDER BY is_later, place, content_hash DESC
          LIMIT $2",
     )
-    .bind(run_id)
-    .bind(count(most))
+    .bind_all((run_id, count(most)))
     .fetch_all(executor)
     .await
 }
@@ -169,7 +151,7 @@ pub struct ReferenceTest {
 }
 
 impl FromRow<'_, EngineRow> for ReferenceTest {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             run_id: row.try_get("run_id")?,
             started_at: row.try_get("started_at")?,
@@ -194,7 +176,7 @@ pub struct ProductionWindow {
 }
 
 impl FromRow<'_, EngineRow> for ProductionWindow {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             run_id: row.try_get("run_id")?,
             cycle: row.try_get("cycle")?,
@@ -228,7 +210,7 @@ async fn tests_after(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     from: i64,
-) -> Result<Vec<ReferenceTest>, sqlx::Error> {
+) -> sqlx::Result<Vec<ReferenceTest>> {
     sqlx::query_as(concat!(
         "SELECT run_id, started_at, robot_model_id
          FROM (SELECT run_id, started_at, content_hash, ",
@@ -239,8 +221,7 @@ async fn tests_after(
          WHERE robot_model_id IS NOT NULL
          ORDER BY started_at, content_hash"
     ))
-    .bind(robot_id)
-    .bind(from)
+    .bind_all((robot_id, from))
     .fetch_all(executor)
     .await
 }
@@ -253,7 +234,7 @@ async fn tests_before(
     from: i64,
     robot_model_id: i64,
     most: usize,
-) -> Result<Vec<ReferenceTest>, sqlx::Error> {
+) -> sqlx::Result<Vec<ReferenceTest>> {
     sqlx::query_as(concat!(
         "SELECT run_id, started_at, $3 AS robot_model_id
          FROM (SELECT run_id, started_at, content_hash, robot_model_id
@@ -267,10 +248,7 @@ async fn tests_before(
          ORDER BY started_at DESC, content_hash DESC
          LIMIT $4"
     ))
-    .bind(robot_id)
-    .bind(from)
-    .bind(robot_model_id)
-    .bind(count(most))
+    .bind_all((robot_id, from, robot_model_id, count(most)))
     .fetch_all(executor)
     .await
 }
@@ -280,7 +258,7 @@ pub(crate) async fn windows(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     estimator: Estimator,
-) -> Result<Vec<ProductionWindow>, sqlx::Error> {
+) -> sqlx::Result<Vec<ProductionWindow>> {
     sqlx::query_as(
         "SELECT run.run_id, cycle.number AS cycle, cycle.started_at, factor_layout.robot_model_id,
                 (SELECT reference_run_id FROM production_check
@@ -295,8 +273,7 @@ pub(crate) async fn windows(
                AND cycle.status = 'complete' AND cycle.factors_gone IS NULL
          ORDER BY run.run_id, cycle.number",
     )
-    .bind(robot_id)
-    .bind(estimator.name())
+    .bind_all((robot_id, estimator.name()))
     .fetch_all(executor)
     .await
 }
@@ -307,7 +284,7 @@ pub(crate) async fn settle(
     connection: &mut EngineConnection,
     run_id: i64,
     checks: &[(u32, ProductionCheck)],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for (number, check) in checks {
         let Some(cycle_id) = cycle_id(&mut *connection, run_id, *number).await? else { continue };
         delete(&mut *connection, cycle_id).await?;
@@ -323,7 +300,7 @@ pub(crate) async fn summarise_rest(
     connection: &mut EngineConnection,
     robot_id: i64,
     from: Option<Timestamp>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let without: Vec<i64> = sqlx::query_scalar(
         "SELECT run_id FROM run
          WHERE robot_id = $1 AND kind = 'production' AND status IN ('complete', 'quarantined') AND started_at >= $2
@@ -332,8 +309,7 @@ pub(crate) async fn summarise_rest(
                AND EXISTS (SELECT 1 FROM cycle JOIN production_check USING (cycle_id)
                            WHERE cycle.run_id = run.run_id AND settled)",
     )
-    .bind(robot_id)
-    .bind(from.map_or(i64::MIN, Timestamp::as_microsecond))
+    .bind_all((robot_id, from.map_or(i64::MIN, Timestamp::as_microsecond)))
     .fetch_all(&mut *connection)
     .await?;
     for run_id in without {
@@ -343,7 +319,7 @@ pub(crate) async fn summarise_rest(
 }
 
 /// Stores the summary of a log from its settled windows, replacing an earlier one.
-async fn summarise_run(connection: &mut EngineConnection, run_id: i64) -> Result<(), sqlx::Error> {
+async fn summarise_run(connection: &mut EngineConnection, run_id: i64) -> sqlx::Result<()> {
     let mut by_reference: BTreeMap<i64, BTreeMap<u32, Vec<JointCheck>>> = BTreeMap::new();
     for (reference, cycle, check) in checks_of_run(&mut *connection, run_id).await? {
         by_reference.entry(reference).or_default().entry(cycle).or_default().push(check);
@@ -370,36 +346,29 @@ async fn summarise_run(connection: &mut EngineConnection, run_id: i64) -> Result
     Ok(())
 }
 
-async fn cycle_id(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    number: u32,
-) -> Result<Option<i64>, sqlx::Error> {
+async fn cycle_id(executor: impl EngineExecutor<'_>, run_id: i64, number: u32) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = $1 AND number = $2")
-        .bind(run_id)
-        .bind(number)
+        .bind_all((run_id, number))
         .fetch_optional(executor)
         .await
 }
 
-async fn delete(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM production_check WHERE cycle_id = $1").bind(cycle_id).execute(executor).await?;
-    Ok(())
+async fn delete(executor: impl EngineExecutor<'_>, cycle_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM production_check WHERE cycle_id = $1").bind(cycle_id).run(executor).await
 }
 
-async fn mark_settled(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+async fn mark_settled(executor: impl EngineExecutor<'_>, cycle_id: i64) -> sqlx::Result<()> {
     sqlx::query("UPDATE production_check SET settled = TRUE WHERE cycle_id = $1")
         .bind(cycle_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
 /// Settled checks of a run with the test and the number of the window, as far as a summary needs them.
 async fn checks_of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<(i64, u32, JointCheck)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, u32, JointCheck)>> {
     sqlx::query(
         "SELECT reference_run_id, cycle.number AS cycle, joint, moving_relative_rmsd, moving_samples,
                 friction_excess, friction_share
@@ -425,9 +394,8 @@ async fn checks_of_run(
     .await
 }
 
-async fn delete_summaries(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM production_summary WHERE run_id = $1").bind(run_id).execute(executor).await?;
-    Ok(())
+async fn delete_summaries(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM production_summary WHERE run_id = $1").bind(run_id).run(executor).await
 }
 
 async fn insert_summaries(
@@ -435,24 +403,18 @@ async fn insert_summaries(
     run_id: i64,
     reference_run_id: i64,
     joints: &[ProductionJoint],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO production_summary (run_id, reference_run_id, joint, windows, relative_rmsd, friction_excess,
                                          friction_share) ",
     )
     .push_values(joints, |mut row, of| {
-        row.push_bind(run_id)
-            .push_bind(reference_run_id)
-            .push_bind(joint_number(of.joint))
-            .push_bind(count(of.windows))
-            .push_bind(of.relative_rmsd)
-            .push_bind(of.friction.excess)
-            .push_bind(of.friction.share);
+        row.bind_all((run_id, reference_run_id, joint_number(of.joint), count(of.windows)))
+            .bind_all((of.relative_rmsd, of.friction.excess, of.friction.share));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// The run whose parameters a window was compared with.
@@ -460,14 +422,13 @@ pub(crate) async fn checked_against(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     sqlx::query_scalar(
         "SELECT reference_run_id FROM cycle JOIN production_check USING (cycle_id)
          WHERE run_id = $1 AND number = $2
          LIMIT 1",
     )
-    .bind(run_id)
-    .bind(cycle)
+    .bind_all((run_id, cycle))
     .fetch_optional(executor)
     .await
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use sqlx::QueryBuilder;
 
-use crate::engine::{Engine, EngineExecutor};
+use crate::engine::{Bind, Engine, EngineExecutor, Run};
 use crate::values::unreadable;
 use armwatch_model::analysis::work_evidence::{JointEvidence, PRODUCTS};
 use armwatch_model::robot::JointIndex;
@@ -22,20 +22,18 @@ pub(super) async fn record_window(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     evidence: &[JointEvidence],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("INSERT INTO window_evidence (cycle_id, numbers) VALUES ($1, $2)")
-        .bind(cycle_id)
-        .bind(packed(evidence))
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((cycle_id, packed(evidence)))
+        .run(executor)
+        .await
 }
 
 /// Evidence of the settled windows of a log with their tests; `None` for windows without evidence.
 pub(super) async fn of_windows(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<(i64, Option<Vec<JointEvidence>>)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, Option<Vec<JointEvidence>>)>> {
     let rows: Vec<(i64, i64, Option<Vec<u8>>)> = sqlx::query_as(
         "SELECT cycle.cycle_id, settled.reference_run_id, window_evidence.numbers
          FROM cycle
@@ -63,24 +61,21 @@ pub(super) async fn record_log(
     run_id: i64,
     reference_run_id: i64,
     evidence: &[JointEvidence],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "INSERT INTO log_evidence (run_id, reference_run_id, numbers) VALUES ($1, $2, $3)
          ON CONFLICT (run_id, reference_run_id) DO UPDATE SET numbers = excluded.numbers",
     )
-    .bind(run_id)
-    .bind(reference_run_id)
-    .bind(packed(evidence))
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, reference_run_id, packed(evidence)))
+    .run(executor)
+    .await
 }
 
 /// Evidence of one log, by test.
 pub(super) async fn of_log(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<BTreeMap<i64, Vec<JointEvidence>>, sqlx::Error> {
+) -> sqlx::Result<BTreeMap<i64, Vec<JointEvidence>>> {
     let rows: Vec<(i64, Vec<u8>)> =
         sqlx::query_as("SELECT reference_run_id, numbers FROM log_evidence WHERE run_id = $1")
             .bind(run_id)
@@ -96,7 +91,7 @@ pub(super) async fn of_log(
 pub(super) async fn of_logs(
     executor: impl EngineExecutor<'_>,
     run_ids: &str,
-) -> Result<BTreeMap<(i64, i64), Vec<JointEvidence>>, sqlx::Error> {
+) -> sqlx::Result<BTreeMap<(i64, i64), Vec<JointEvidence>>> {
     let rows: Vec<(i64, i64, Vec<u8>)> = sqlx::query_as(
         "SELECT run_id, reference_run_id, numbers FROM log_evidence
          WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))",
@@ -111,18 +106,14 @@ pub(super) async fn of_logs(
 }
 
 /// Deletes the evidence of windows; that of their logs stays.
-pub(super) async fn remove_windows(
-    executor: impl EngineExecutor<'_>,
-    cycle_ids: &[i64],
-) -> Result<(), sqlx::Error> {
+pub(super) async fn remove_windows(executor: impl EngineExecutor<'_>, cycle_ids: &[i64]) -> sqlx::Result<()> {
     let mut query = QueryBuilder::<Engine>::new("DELETE FROM window_evidence WHERE cycle_id IN (");
     let mut listed = query.separated(", ");
     for id in cycle_ids {
         listed.push_bind(*id);
     }
     listed.push_unseparated(")");
-    query.build().execute(executor).await?;
-    Ok(())
+    query.build().run(executor).await
 }
 
 /// Evidence in the stored format.

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use sqlx::QueryBuilder;
 
 use super::{channel_response, factors, production, temperatures, torque_noise};
-use crate::engine::{Engine, EngineConnection, EngineExecutor};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::resume::ReadSoFar;
@@ -75,7 +75,7 @@ pub(crate) async fn record_cycle(
     analysis: &CycleAnalysis,
     robot: &Robot,
     read: Option<&ReadSoFar>,
-) -> Result<Recorded, sqlx::Error> {
+) -> sqlx::Result<Recorded> {
     let Some(run_start) = runs::open_run_start(&mut *connection, run_id, session).await? else {
         return Ok(Recorded::RunNotOpen);
     };
@@ -128,7 +128,7 @@ pub(crate) async fn record_identification(
     keys: &HashMap<ParameterId, i64>,
     found: &Identification,
     verification: &[TorqueRmsd],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for rows in found.parameters.chunks(ROWS_PER_STATEMENT) {
         insert_parameters(&mut *connection, cycle_id, keys, rows).await?;
     }
@@ -148,7 +148,7 @@ async fn insert_cycle(
     run_start: i64,
     analysis: &CycleAnalysis,
     cut_by_end: bool,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     let (identification, refusal) = (analysis.identification.as_ref(), analysis.refusal());
     let remarks = (!analysis.remarks.is_empty()).then(|| analysis.remarks.join("\n"));
     sqlx::query_scalar(
@@ -159,25 +159,15 @@ async fn insert_cycle(
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
-    .bind(run_id)
-    .bind(analysis.cycle)
-    .bind(after(run_start, analysis.start))
-    .bind(finite(analysis.duration))
-    .bind(count(analysis.rows))
-    .bind(finite(analysis.sample_rate))
-    .bind(finite(analysis.cutoff))
-    .bind(refusal.map_or("complete", |_| "refused"))
-    .bind(refusal)
-    .bind(remarks)
+    .bind_all((run_id, analysis.cycle, after(run_start, analysis.start), finite(analysis.duration)))
+    .bind_all((count(analysis.rows), finite(analysis.sample_rate), finite(analysis.cutoff)))
+    .bind_all((refusal.map_or("complete", |_| "refused"), refusal, remarks))
     .bind(identification.map(|i| count(i.samples)).ok())
     .bind(identification.ok().and_then(|i| finite(i.condition_number)))
     .bind(identification.ok().and_then(|i| finite(i.scaled_condition_number)))
-    .bind(identification.ok().and_then(|i| finite(i.residual_std)))
-    .bind(analysis.estimator.name())
+    .bind_all((identification.ok().and_then(|i| finite(i.residual_std)), analysis.estimator.name()))
     .bind((!analysis.mean_speeds.is_empty()).then(|| json_numbers(&analysis.mean_speeds)))
-    .bind(analysis.is_doubtful())
-    .bind(identification.is_ok().then_some("blocks"))
-    .bind(cut_by_end)
+    .bind_all((analysis.is_doubtful(), identification.is_ok().then_some("blocks"), cut_by_end))
     .fetch_optional(executor)
     .await
 }
@@ -187,7 +177,7 @@ async fn insert_parameters(
     cycle_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[IdentifiedParameter],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let shown: Vec<&IdentifiedParameter> = rows.iter().filter(|of| of.is_shown()).collect();
     if shown.is_empty() {
         return Ok(());
@@ -197,17 +187,13 @@ async fn insert_parameters(
                                       half_width_95) ",
     )
     .push_values(shown, |mut row, parameter| {
-        row.push_bind(cycle_id)
-            .push_bind(keys.get(&parameter.id).copied())
-            .push_bind(finite(parameter.value))
-            .push_bind(finite(parameter.std_error))
-            .push_bind(finite(parameter.degrees_of_freedom))
+        row.bind_all((cycle_id, keys.get(&parameter.id).copied(), finite(parameter.value)))
+            .bind_all((finite(parameter.std_error), finite(parameter.degrees_of_freedom)))
             .push_bind(finite(half_width(parameter, LEVEL)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Stores the causes of a cycle's refusal.
@@ -215,43 +201,35 @@ async fn insert_causes(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     causes: &[RefusalCause],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let numbered: Vec<(i64, &RefusalCause)> = (1..).zip(causes).collect();
     QueryBuilder::<Engine>::new(
         "INSERT INTO cycle_refusal (cycle_id, number, finding, channel, joint, sentence) ",
     )
     .push_values(numbered, |mut row, (number, cause)| {
-        row.push_bind(cycle_id)
-            .push_bind(number)
-            .push_bind(&cause.finding)
-            .push_bind(cause.channel.name())
-            .push_bind(cause.joint.map(joint_number))
-            .push_bind(&cause.sentence);
+        row.bind_all((cycle_id, number, &cause.finding, cause.channel.name()))
+            .bind_all((cause.joint.map(joint_number), &cause.sentence));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_residuals(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[JointResidual],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO joint_residual (cycle_id, joint, residual_std_nm, independent_share) ",
     )
     .push_values(rows, |mut row, residual| {
-        row.push_bind(cycle_id)
-            .push_bind(joint_number(residual.joint))
-            .push_bind(finite(residual.std))
+        row.bind_all((cycle_id, joint_number(residual.joint), finite(residual.std)))
             .push_bind(finite(residual.independent_share));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Stores self-verification, or cross-verification with the parameters of a run by an estimator.
@@ -260,58 +238,44 @@ pub(crate) async fn insert_rmsd(
     cycle_id: i64,
     reference: Option<(i64, Estimator)>,
     rows: &[TorqueRmsd],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, reference_run_id, estimator, rmsd_nm,
                                   relative_rmsd, samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
     )
     .push_values(rows, |mut row, rmsd| {
-        row.push_bind(cycle_id)
-            .push_bind(joint_number(rmsd.joint))
-            .push_bind(rmsd.scope.name())
-            .push_bind(reference.map_or("self", |_| "cross"))
-            .push_bind(reference.map(|(run_id, _)| run_id))
+        row.bind_all((cycle_id, joint_number(rmsd.joint), rmsd.scope.name()))
+            .bind_all((reference.map_or("self", |_| "cross"), reference.map(|(run_id, _)| run_id)))
             .push_bind(reference.map(|(_, estimator)| estimator.name()));
         for part in [rmsd.all_rows, rmsd.moving_rows] {
-            row.push_bind(of_some_rows(part, part.value))
-                .push_bind(of_some_rows(part, part.relative))
+            row.bind_all((of_some_rows(part, part.value), of_some_rows(part, part.relative)))
                 .push_bind(count(part.samples));
         }
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_friction_points(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[(i64, FrictionPoint)],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO friction_point (cycle_id, number, joint, time_s, speed_fraction, speed_rad_s, direction,
                                      torque_nm, std_nm, samples, gravity, load_nm, load_friction) ",
     )
     .push_values(rows, |mut row, (number, point)| {
-        row.push_bind(cycle_id)
-            .push_bind(*number)
-            .push_bind(joint_number(point.joint))
-            .push_bind(finite(point.time))
-            .push_bind(finite(point.speed_fraction))
-            .push_bind(finite(point.speed))
-            .push_bind(point.direction)
-            .push_bind(finite(point.torque))
-            .push_bind(finite(point.std))
-            .push_bind(count(point.samples))
-            .push_bind(point.gravity.name())
-            .push_bind(point.load.and_then(|load| finite(load.torque)))
+        row.bind_all((cycle_id, *number, joint_number(point.joint), finite(point.time)))
+            .bind_all((finite(point.speed_fraction), finite(point.speed), point.direction))
+            .bind_all((finite(point.torque), finite(point.std), count(point.samples)))
+            .bind_all((point.gravity.name(), point.load.and_then(|load| finite(load.torque))))
             .push_bind(point.load.and_then(|load| finite(load.friction)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Microseconds UTC, `seconds` after `start`. The cast saturates, and recordings last hours.

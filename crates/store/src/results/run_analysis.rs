@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use sqlx::QueryBuilder;
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, Run};
 use crate::models;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
 use armwatch_model::analysis::{
@@ -18,7 +18,7 @@ pub(crate) async fn replace(
     robot_id: i64,
     run_id: i64,
     analysis: &RunAnalysis,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     delete_run_fits(&mut *connection, run_id).await?;
     for rows in analysis.warm_up_fits.chunks(ROWS_PER_STATEMENT) {
         insert_fits(&mut *connection, robot_id, Some(run_id), rows).await?;
@@ -42,7 +42,7 @@ pub(crate) async fn replace_of_parameters(
     run_id: i64,
     statistics: &[ParameterStatistics],
     deviations: &[JointDeviation],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if !has_summary(&mut *connection, run_id).await? {
         return Ok(());
     }
@@ -68,7 +68,7 @@ pub struct JointDeviation {
     pub rmsd_swing: Option<RmsdSwing>,
 }
 
-async fn has_summary(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+async fn has_summary(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<bool> {
     sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run_joint_summary WHERE run_id = $1)")
         .bind(run_id)
         .fetch_one(executor)
@@ -79,24 +79,20 @@ async fn update_deviation(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     of: &JointDeviation,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run_joint_summary SET relative_rmsd = $1, rmsd_swing = $2, rmsd_swing_cycles = $3
          WHERE run_id = $4 AND joint = $5",
     )
-    .bind(of.relative_rmsd.and_then(finite))
-    .bind(of.rmsd_swing.and_then(|swing| finite(swing.value)))
-    .bind(of.rmsd_swing.map(|swing| count(swing.cycles)))
-    .bind(run_id)
-    .bind(joint_number(of.joint))
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((of.relative_rmsd.and_then(finite), of.rmsd_swing.and_then(|swing| finite(swing.value))))
+    .bind_all((of.rmsd_swing.map(|swing| count(swing.cycles)), run_id, joint_number(of.joint)))
+    .run(executor)
+    .await
 }
 
 /// Stores the estimator of the torque deviations in a run's summary: that of its last identified cycle, which selected
 /// the cycles.
-async fn set_estimator(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn set_estimator(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run_joint_summary
          SET estimator = (SELECT estimator FROM cycle WHERE run_id = $1 AND samples IS NOT NULL
@@ -104,9 +100,8 @@ async fn set_estimator(executor: impl EngineExecutor<'_>, run_id: i64) -> Result
          WHERE run_id = $1",
     )
     .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Replaces the fits over all runs of a robot. Call this in a transaction.
@@ -114,7 +109,7 @@ pub(crate) async fn replace_mixed_fits(
     connection: &mut EngineConnection,
     robot_id: i64,
     fits: &[WarmUpFit],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     delete_mixed_fits(&mut *connection, robot_id).await?;
     for rows in fits.chunks(ROWS_PER_STATEMENT) {
         insert_fits(&mut *connection, robot_id, None, rows).await?;
@@ -122,28 +117,24 @@ pub(crate) async fn replace_mixed_fits(
     Ok(())
 }
 
-async fn delete_run_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM warmup_fit WHERE run_id = $1").bind(run_id).execute(executor).await?;
-    Ok(())
+async fn delete_run_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM warmup_fit WHERE run_id = $1").bind(run_id).run(executor).await
 }
 
-async fn delete_mixed_fits(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
+async fn delete_mixed_fits(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<()> {
     // coalesce() as in the unique index, so that the index is used.
     sqlx::query("DELETE FROM warmup_fit WHERE robot_id = $1 AND coalesce(run_id, 0) = 0")
         .bind(robot_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
-async fn delete_statistics(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM parameter_statistic WHERE run_id = $1").bind(run_id).execute(executor).await?;
-    Ok(())
+async fn delete_statistics(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM parameter_statistic WHERE run_id = $1").bind(run_id).run(executor).await
 }
 
-async fn delete_summaries(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM run_joint_summary WHERE run_id = $1").bind(run_id).execute(executor).await?;
-    Ok(())
+async fn delete_summaries(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM run_joint_summary WHERE run_id = $1").bind(run_id).run(executor).await
 }
 
 async fn insert_fits(
@@ -151,7 +142,7 @@ async fn insert_fits(
     robot_id: i64,
     run_id: Option<i64>,
     rows: &[WarmUpFit],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO warmup_fit (robot_id, run_id, joint, speed_fraction, model, rmsd_nm, samples,
                                  first_min, last_min, a_extrapolated,
@@ -160,16 +151,9 @@ async fn insert_fits(
                                  c_first_nm, c_first_std_error_nm, t2_max_min) ",
     )
     .push_values(rows, |mut row, fit| {
-        row.push_bind(robot_id)
-            .push_bind(run_id)
-            .push_bind(joint_number(fit.joint))
-            .push_bind(finite(fit.speed_fraction))
-            .push_bind(fit.model.name())
-            .push_bind(finite(fit.rmsd))
-            .push_bind(count(fit.samples))
-            .push_bind(finite(fit.record[0]))
-            .push_bind(finite(fit.record[1]))
-            .push_bind(fit.asymptote_extrapolated());
+        row.bind_all((robot_id, run_id, joint_number(fit.joint), finite(fit.speed_fraction)))
+            .bind_all((fit.model.name(), finite(fit.rmsd), count(fit.samples), finite(fit.record[0])))
+            .bind_all((finite(fit.record[1]), fit.asymptote_extrapolated()));
         let amplitude = |decay: Option<armwatch_model::analysis::Decay>| decay.map(|d| d.amplitude);
         let time_constant = |decay: Option<armwatch_model::analysis::Decay>| decay.map(|d| d.time_constant);
         let estimates: [Option<Estimate>; 5] = [
@@ -188,9 +172,8 @@ async fn insert_fits(
             .push_bind(fit.fast_shown.and_then(|shown| finite(shown.longest)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_statistics(
@@ -198,34 +181,27 @@ async fn insert_statistics(
     run_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[ParameterStatistics],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO parameter_statistic (run_id, model_parameter_id, \"window\", mean, min, max, d_mm, d_se, sdv,
                                           cycles) ",
     )
     .push_values(rows, |mut row, statistics| {
-        row.push_bind(run_id)
-            .push_bind(keys.get(&statistics.id).copied())
-            .push_bind(statistics.window.name())
-            .push_bind(finite(statistics.mean))
-            .push_bind(finite(statistics.min))
-            .push_bind(finite(statistics.max))
-            .push_bind(statistics.d_mm.and_then(finite))
-            .push_bind(statistics.d_se.and_then(finite))
-            .push_bind(statistics.sdv.and_then(finite))
-            .push_bind(count(statistics.cycles));
+        row.bind_all((run_id, keys.get(&statistics.id).copied(), statistics.window.name()))
+            .bind_all((finite(statistics.mean), finite(statistics.min), finite(statistics.max)))
+            .bind_all((statistics.d_mm.and_then(finite), statistics.d_se.and_then(finite)))
+            .bind_all((statistics.sdv.and_then(finite), count(statistics.cycles)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_summaries(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     rows: &[JointSummary],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO run_joint_summary (run_id, joint, warm_friction_nm, warm_friction_std_error_nm, warm_minute,
                                         warm_speed_fraction, relative_rmsd, rmsd_swing, rmsd_swing_cycles,
@@ -236,17 +212,13 @@ async fn insert_summaries(
     )
     .push_values(rows, |mut row, summary| {
         let (warm, excitation) = (summary.warm_friction, summary.excitation_friction);
-        row.push_bind(run_id)
-            .push_bind(joint_number(summary.joint))
-            .push_bind(warm.and_then(|w| finite(w.torque)))
-            .push_bind(warm.and_then(|w| finite(w.std_error)))
-            .push_bind(warm.and_then(|w| finite(w.minute)))
+        row.bind_all((run_id, joint_number(summary.joint), warm.and_then(|w| finite(w.torque))))
+            .bind_all((warm.and_then(|w| finite(w.std_error)), warm.and_then(|w| finite(w.minute))))
             .push_bind(warm.and_then(|w| finite(w.speed_fraction)))
             .push_bind(summary.relative_rmsd.and_then(finite))
             .push_bind(summary.rmsd_swing.and_then(|s| finite(s.value)))
             .push_bind(summary.rmsd_swing.map(|s| count(s.cycles)))
-            .push_bind(summary.relative_noise.and_then(finite))
-            .push_bind(summary.torque_rms.and_then(finite))
+            .bind_all((summary.relative_noise.and_then(finite), summary.torque_rms.and_then(finite)))
             .push_bind(excitation.and_then(|e| finite(e.torque)))
             .push_bind(excitation.and_then(|e| finite(e.std_error)))
             .push_bind(excitation.and_then(|e| finite(e.minute)))
@@ -255,7 +227,6 @@ async fn insert_summaries(
             .push_bind(summary.half_speed_friction.and_then(|of| finite(of.std_error)));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }

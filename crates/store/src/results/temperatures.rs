@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use sqlx::{QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::values::{ROWS_PER_STATEMENT, finite, size};
 use armwatch_model::analysis::CycleTemperatures;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
@@ -17,7 +17,7 @@ pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,
     temperatures: &CycleTemperatures,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let motors = (1..).zip(temperatures.motor.iter().copied());
     let all = [(HALL, temperatures.ambient)].into_iter().chain(motors);
     let known: Vec<(usize, f64)> = all.filter_map(|(joint, kelvin)| Some((joint, kelvin?))).collect();
@@ -27,27 +27,22 @@ pub(crate) async fn record(
     Ok(())
 }
 
-async fn insert(
-    executor: impl EngineExecutor<'_>,
-    cycle_id: i64,
-    rows: &[(usize, f64)],
-) -> Result<(), sqlx::Error> {
+async fn insert(executor: impl EngineExecutor<'_>, cycle_id: i64, rows: &[(usize, f64)]) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new("INSERT INTO cycle_temperature (cycle_id, joint, temperature_degc) ")
         .push_values(rows, |mut row, (joint, kelvin)| {
             // joint numbers are far below the limit of an i64
             row.push_bind(cycle_id).push_bind(*joint as i64).push_bind(finite(kelvin - ZERO_CELSIUS));
         })
         .build()
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
 /// Temperatures of the cycles of a run, K, by the cycle's key.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<HashMap<i64, CycleTemperatures>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, CycleTemperatures>> {
     let rows = sqlx::query(
         "SELECT cycle_id, joint, temperature_degc
          FROM cycle

@@ -2,7 +2,7 @@
 
 use sqlx::{QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::values::{ROWS_PER_STATEMENT, joint, joint_number, size};
 use armwatch_model::analysis::TorqueNoise;
 use armwatch_model::analysis::measurements::CycleNoise;
@@ -12,16 +12,13 @@ pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,
     noises: &[TorqueNoise],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let known: Vec<&TorqueNoise> =
         noises.iter().filter(|of| of.value.is_finite() && of.relative.is_finite()).collect();
     for rows in known.chunks(ROWS_PER_STATEMENT) {
         QueryBuilder::<Engine>::new("INSERT INTO channel_noise (cycle_id, joint, noise_nm, relative_noise) ")
             .push_values(rows, |mut row, of| {
-                row.push_bind(cycle_id)
-                    .push_bind(joint_number(of.joint))
-                    .push_bind(of.value)
-                    .push_bind(of.relative);
+                row.bind_all((cycle_id, joint_number(of.joint), of.value, of.relative));
             })
             .build()
             .execute(&mut *connection)
@@ -31,10 +28,7 @@ pub(crate) async fn record(
 }
 
 /// Noise of the cycles of a run that count, in the order of cycles and joints.
-pub(crate) async fn of_run(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<Vec<CycleNoise>, sqlx::Error> {
+pub(crate) async fn of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Vec<CycleNoise>> {
     sqlx::query(
         "SELECT cycle.number AS cycle, joint, noise_nm, relative_noise
          FROM cycle

@@ -57,25 +57,16 @@ pub struct OfCycle<T> {
 
 impl Store {
     /// States of the cycles of a run, in order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
         self.checked(cycle_states(&self.readers, run_id).await)
     }
 
     /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
         self.checked(self_rmsd(&self.readers, run_id).await)
     }
 
     /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
         self.checked(warming_contrasts(&self.readers, run_id).await)
     }
@@ -85,7 +76,7 @@ impl Store {
 pub(crate) async fn cycle_states(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<CycleState>, sqlx::Error> {
+) -> sqlx::Result<Vec<CycleState>> {
     sqlx::query(
         "SELECT number, rows, cutoff_hz, reason, remarks, factors_gone FROM cycle WHERE run_id = $1 ORDER BY number",
     )
@@ -111,7 +102,7 @@ pub(crate) async fn cycle_states(
 pub(crate) async fn self_rmsd(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<OfCycle<TorqueRmsd>>, sqlx::Error> {
+) -> sqlx::Result<Vec<OfCycle<TorqueRmsd>>> {
     const SCOPES: [RmsdScope; 4] = [
         RmsdScope::Stage(Stage::Excitation),
         RmsdScope::Stage(Stage::Friction),
@@ -141,7 +132,7 @@ pub(crate) async fn self_rmsd(
 pub(crate) async fn warming_contrasts(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<OfCycle<WarmingContrast>>, sqlx::Error> {
+) -> sqlx::Result<Vec<OfCycle<WarmingContrast>>> {
     sqlx::query(
         "SELECT cycle, joint, start_rmsd_nm, end_rmsd_nm, start_relative_rmsd, end_relative_rmsd,
                 start_moving_rmsd_nm, end_moving_rmsd_nm, start_moving_relative_rmsd,
@@ -162,9 +153,9 @@ pub(crate) async fn warming_contrasts(
 }
 
 /// Reads the six columns of a deviation, whose names begin with `prefix`.
-fn pair(row: &EngineRow, prefix: &str) -> Result<RmsdPair, sqlx::Error> {
-    let rows = |motion: &str| -> Result<Rmsd, sqlx::Error> {
-        let figure = |name: &str| -> Result<f64, sqlx::Error> {
+fn pair(row: &EngineRow, prefix: &str) -> sqlx::Result<RmsdPair> {
+    let rows = |motion: &str| -> sqlx::Result<Rmsd> {
+        let figure = |name: &str| -> sqlx::Result<f64> {
             let value: Option<f64> = row.try_get(format!("{prefix}{motion}{name}").as_str())?;
             Ok(value.unwrap_or(f64::NAN))
         };

@@ -9,7 +9,7 @@ use sqlx::{FromRow, Row};
 use super::alarms::anomalies::{self, Reconciled};
 use super::figures::friction_series::{self, FrictionSeries};
 use super::{conclusion_faults, settled};
-use crate::engine::{EngineExecutor, EngineRow, EngineTransaction};
+use crate::engine::{Bind, EngineExecutor, EngineRow, EngineTransaction, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::{production, run_analysis};
@@ -30,7 +30,7 @@ pub struct StaleRobot {
 }
 
 impl FromRow<'_, EngineRow> for StaleRobot {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             robot_id: row.try_get("robot_id")?,
             name: row.try_get("name")?,
@@ -50,9 +50,6 @@ pub struct ConclusionTransaction {
 
 impl ConclusionTransaction {
     /// Replaces the fits over all runs of the robot.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
         let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
         self.checked(result)
@@ -60,9 +57,6 @@ impl ConclusionTransaction {
 
     /// Stores the friction points that fits over the robot's tests use, one row per test. Does so only if the history
     /// is still the one that they were read from.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_friction_points(
         &mut self,
         history: &FrictionSeries,
@@ -73,27 +67,18 @@ impl ConclusionTransaction {
     }
 
     /// Returns true if another program has already stored a conclusion from the present history.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn is_concluded(&mut self) -> Result<bool, StoreError> {
         let result = is_concluded(&mut *self.transaction, self.robot_id).await;
         self.checked(result)
     }
 
     /// Present number of changes of the robot's history.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn history(&mut self) -> Result<i64, StoreError> {
         let result = history_of(&mut *self.transaction, self.robot_id).await;
         self.checked(result)
     }
 
     /// Stores the comparisons of a production log's windows, given by their numbers, with tests. Replaces earlier ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn settle_production(
         &mut self,
         run_id: i64,
@@ -104,9 +89,6 @@ impl ConclusionTransaction {
     }
 
     /// Stores summaries of production logs whose windows are all settled and that have none.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
         let settled = settled::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
         // older ones have a summary: a log that loses it also loses its settled part
@@ -134,7 +116,7 @@ impl ConclusionTransaction {
         &mut self,
         findings: &Findings,
         settled: &[NewlySettled],
-    ) -> Result<Reconciled, sqlx::Error> {
+    ) -> sqlx::Result<Reconciled> {
         let mut ended: Vec<(i64, &[Anomaly])> = Vec::with_capacity(settled.len());
         for of in settled {
             ended.push((self.keep_settled(of.kind, &of.settled).await?, &of.ended));
@@ -169,24 +151,18 @@ impl ConclusionTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    pub(super) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    pub(super) fn checked<T>(&self, result: sqlx::Result<T>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 }
 
 impl Store {
     /// Robots whose history has changed since their conclusion, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn stale_robots(&self) -> Result<Vec<StaleRobot>, StoreError> {
         self.checked(stale_robots(&self.readers).await)
     }
 
     /// Opens the transaction that stores the conclusion of a robot.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn conclude(&self, robot_id: i64) -> Result<ConclusionTransaction, StoreError> {
         let transaction = self.begin().await?;
         Ok(ConclusionTransaction { transaction, path: Arc::clone(&self.path), robot_id })
@@ -194,35 +170,29 @@ impl Store {
 }
 
 /// Robots whose history has changed since their conclusion, by name.
-pub(crate) async fn stale_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<StaleRobot>, sqlx::Error> {
+pub(crate) async fn stale_robots(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<StaleRobot>> {
     sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
         .fetch_all(executor)
         .await
 }
 
-async fn history_of(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
+async fn history_of(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<i64> {
     sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_one(executor)
         .await
 }
 
-async fn is_concluded(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
+async fn is_concluded(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<bool> {
     sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_one(executor)
         .await
 }
 
-async fn mark_concluded(
-    executor: impl EngineExecutor<'_>,
-    robot_id: i64,
-    history: i64,
-) -> Result<(), sqlx::Error> {
+async fn mark_concluded(executor: impl EngineExecutor<'_>, robot_id: i64, history: i64) -> sqlx::Result<()> {
     sqlx::query("UPDATE robot SET concluded = $1 WHERE robot_id = $2")
-        .bind(history)
-        .bind(robot_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((history, robot_id))
+        .run(executor)
+        .await
 }

@@ -2,7 +2,7 @@
 
 use sqlx::Row;
 
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::size;
@@ -21,9 +21,6 @@ pub struct ConclusionFault {
 impl Store {
     /// Stores that the conclusion of a robot failed, with the reason; returns true if the fault or its reason is new.
     /// The fault stays until a conclusion is stored.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn note_conclusion_fault(&self, robot: &str, reason: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_new = self.checked(note(&mut transaction, robot, reason).await)?;
@@ -32,15 +29,12 @@ impl Store {
     }
 
     /// Robots whose conclusion failed, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn conclusion_faults(&self) -> Result<Vec<ConclusionFault>, StoreError> {
         self.checked(all(&self.readers).await)
     }
 }
 
-async fn note(connection: &mut EngineConnection, robot: &str, reason: &str) -> Result<bool, sqlx::Error> {
+async fn note(connection: &mut EngineConnection, robot: &str, reason: &str) -> sqlx::Result<bool> {
     let known: Option<String> = sqlx::query_scalar(
         "SELECT reason FROM conclusion_fault JOIN robot USING (robot_id) WHERE robot.name = $1",
     )
@@ -53,14 +47,13 @@ async fn note(connection: &mut EngineConnection, robot: &str, reason: &str) -> R
          ON CONFLICT (robot_id) DO UPDATE
          SET reason = excluded.reason, tries = conclusion_fault.tries + 1, last_at = excluded.last_at",
     )
-    .bind(robot)
-    .bind(reason)
+    .bind_all((robot, reason))
     .execute(connection)
     .await?;
     Ok(known.as_deref() != Some(reason))
 }
 
-async fn all(executor: impl EngineExecutor<'_>) -> Result<Vec<ConclusionFault>, sqlx::Error> {
+async fn all(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<ConclusionFault>> {
     sqlx::query("SELECT robot, reason, tries FROM conclusion_faults ORDER BY robot")
         .try_map(|row: EngineRow| {
             Ok(ConclusionFault {
@@ -74,9 +67,8 @@ async fn all(executor: impl EngineExecutor<'_>) -> Result<Vec<ConclusionFault>, 
 }
 
 /// Deletes the fault of a robot, because its conclusion is stored.
-pub(crate) async fn forget(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM conclusion_fault WHERE robot_id = $1").bind(robot_id).execute(executor).await?;
-    Ok(())
+pub(crate) async fn forget(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM conclusion_fault WHERE robot_id = $1").bind(robot_id).run(executor).await
 }
 
 #[cfg(test)]

@@ -5,21 +5,21 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::QueryBuilder;
 
 use super::history;
-use crate::engine::{Engine, EngineConnection, EngineExecutor};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor};
 use crate::values::{ROWS_PER_STATEMENT, joint_number};
 use armwatch_model::analysis::FrictionPoint;
 use armwatch_model::analysis::cycle_friction::cycle_friction;
 use armwatch_model::analysis::friction::CycleFriction;
 
 /// Inserts the rows of a complete test with a cycle that has none yet: a complete run may have grown.
-pub(super) async fn complete(connection: &mut EngineConnection, run_id: i64) -> Result<(), sqlx::Error> {
+pub(super) async fn complete(connection: &mut EngineConnection, run_id: i64) -> sqlx::Result<()> {
     if has_cycle_without(&mut *connection, run_id).await? {
         complete_run(connection, run_id).await?;
     }
     Ok(())
 }
 
-async fn has_cycle_without(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+async fn has_cycle_without(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<bool> {
     sqlx::query_scalar(
         "SELECT EXISTS (
              SELECT 1 FROM cycle
@@ -33,7 +33,7 @@ async fn has_cycle_without(executor: impl EngineExecutor<'_>, run_id: i64) -> Re
     .await
 }
 
-async fn complete_run(connection: &mut EngineConnection, run_id: i64) -> Result<(), sqlx::Error> {
+async fn complete_run(connection: &mut EngineConnection, run_id: i64) -> sqlx::Result<()> {
     let mut by_cycle: BTreeMap<u32, Vec<FrictionPoint>> = BTreeMap::new();
     for of in history::friction_points(&mut *connection, run_id).await? {
         by_cycle.entry(of.cycle).or_default().push(of.point);
@@ -53,13 +53,8 @@ async fn complete_run(connection: &mut EngineConnection, run_id: i64) -> Result<
             "INSERT INTO cycle_friction_level (cycle_id, joint, minute, ln_torque, offset_nm, levels, speed_fraction) ",
         );
         insert.push_values(rows, |mut row, (cycle_id, of)| {
-            row.push_bind(*cycle_id)
-                .push_bind(joint_number(of.joint))
-                .push_bind(of.minute)
-                .push_bind(of.ln_torque)
-                .push_bind(of.offset)
-                .push_bind(of.levels)
-                .push_bind(of.speed_fraction);
+            row.bind_all((*cycle_id, joint_number(of.joint), of.minute, of.ln_torque, of.offset))
+                .bind_all((of.levels, of.speed_fraction));
         });
         insert.push(
             " ON CONFLICT (cycle_id, joint) DO UPDATE

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use sqlx::Row;
 
 use super::settled;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::attempts::{self, AttemptKind};
@@ -114,17 +114,11 @@ pub struct DecidedRun {
 
 impl Store {
     /// Runs of the robot of this name whose starts are judged, in the order of their arrival.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn dated_runs(&self, robot: &str) -> Result<Vec<DatedRun>, StoreError> {
         self.checked(dated_runs(&self.readers, robot).await)
     }
 
     /// Stores the judgement on the starts of these runs, and gives them their places in the history.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn mark_dates(
         &self,
         found: &[(i64, Option<ImplausibleDate>, DatedPlace)],
@@ -136,9 +130,6 @@ impl Store {
     }
 
     /// Applies a decision about a run, which makes the conclusions of its robot stale.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn decide_about_run(
         &self,
         run_id: i64,
@@ -154,7 +145,7 @@ impl Store {
     }
 }
 
-async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<DatedRun>, sqlx::Error> {
+async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> sqlx::Result<Vec<DatedRun>> {
     sqlx::query(
         "SELECT run.run_id, run.kind, run.source_name, run.source_path, run.started_at, run.recorded_start,
                 run.ingested_at, run.date_problem, run.set_aside,
@@ -195,7 +186,7 @@ async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Ve
 async fn mark_dates(
     connection: &mut EngineConnection,
     found: &[(i64, Option<ImplausibleDate>, DatedPlace)],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     for (run_id, date, place) in found {
         let problem = date.map(|date| date.to_string());
         let reason = problem.as_deref().unwrap_or("its start is being corrected");
@@ -217,8 +208,7 @@ async fn mark_dates(
             }
         }
         sqlx::query("UPDATE run SET date_problem = $2 WHERE run_id = $1")
-            .bind(run_id)
-            .bind(&problem)
+            .bind_all((run_id, &problem))
             .execute(&mut *connection)
             .await?;
     }
@@ -231,17 +221,14 @@ async fn leave(
     run_id: i64,
     set_aside: &str,
     reason: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run SET status = 'quarantined', reason = $3, superseded_by_run_id = run_id, set_aside = $2
          WHERE run_id = $1 AND (status = 'complete' OR set_aside IS NOT NULL)",
     )
-    .bind(run_id)
-    .bind(set_aside)
-    .bind(reason)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, set_aside, reason))
+    .run(executor)
+    .await
 }
 
 /// Lets a run take part again that is set aside for this, marked as `now`.
@@ -250,17 +237,14 @@ async fn come_back(
     run_id: i64,
     set_aside: &str,
     now: Option<&str>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE run SET status = 'complete', reason = NULL, superseded_by_run_id = NULL, set_aside = $3
          WHERE run_id = $1 AND set_aside = $2",
     )
-    .bind(run_id)
-    .bind(set_aside)
-    .bind(now)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, set_aside, now))
+    .run(executor)
+    .await
 }
 
 /// A run before a decision. The start is the recorded one if the run has its place by arrival.
@@ -271,7 +255,7 @@ struct RunDate {
     arrived_at: Timestamp,
 }
 
-async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<RunDate>, sqlx::Error> {
+async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Option<RunDate>> {
     sqlx::query(
         "SELECT robot.name AS robot, run.source_name, run.started_at, run.recorded_start, run.set_aside, run.ingested_at,
                 CASE WHEN run.superseded_by_run_id IS NULL THEN run.status
@@ -308,7 +292,7 @@ async fn decide(
     connection: &mut EngineConnection,
     run_id: i64,
     decision: &RunDecision,
-) -> Result<Result<DecidedRun, NotDecided>, sqlx::Error> {
+) -> sqlx::Result<Result<DecidedRun, NotDecided>> {
     let Some(RunDate { mut run, status, set_aside, arrived_at }) = standing(&mut *connection, run_id).await?
     else {
         return Ok(Err(NotDecided::NoRun));
@@ -359,7 +343,7 @@ async fn correct_start(
     run_id: i64,
     run: &DecidedRun,
     set_aside: Option<&str>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let by_person = set_aside == Some(PERSON);
     if !by_person {
         leave(&mut *connection, run_id, MISDATED, "its start is being corrected").await?;
@@ -381,13 +365,10 @@ async fn place_start(
     run_id: i64,
     start: Timestamp,
     recorded: Option<Timestamp>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     move_start(&mut *connection, run_id, start).await?;
     sqlx::query("UPDATE run SET recorded_start = $2, recorded_start_text = $3 WHERE run_id = $1")
-        .bind(run_id)
-        .bind(recorded.map(Timestamp::as_microsecond))
-        .bind(recorded.map(time_in_views))
-        .execute(&mut *connection)
-        .await?;
-    Ok(())
+        .bind_all((run_id, recorded.map(Timestamp::as_microsecond), recorded.map(time_in_views)))
+        .run(&mut *connection)
+        .await
 }

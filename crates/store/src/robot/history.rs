@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::Row;
 
 use super::figures::cycle_rmsd;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::torque_noise;
@@ -33,17 +33,11 @@ macro_rules! friction_counts {
 
 impl Store {
     /// Friction points of a run, in the order of the cycles.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_points(&self, run_id: i64) -> Result<Vec<CyclePoint>, StoreError> {
         self.checked(friction_points(&self.readers, run_id).await)
     }
 
     /// Reads the measurements of a run's stored cycles, without the writer.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_measurements(&self, run_id: i64) -> Result<RunMeasurements, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(run_measurements(&mut connection, run_id).await)
@@ -51,9 +45,6 @@ impl Store {
 
     /// Mean motor temperature of each joint over cycles, each given by run and number, degC; `None` for a joint without
     /// one, and empty if no joint has one.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn motor_temperatures(&self, cycles: &[(i64, u32)]) -> Result<Vec<Option<f64>>, StoreError> {
         let mut sums: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
         for cycle in cycles {
@@ -70,17 +61,11 @@ impl Store {
 
     /// Speed levels with warm friction of a joint in the robot's latest complete test, as fractions of the largest. A
     /// test without warm friction is skipped.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn latest_warm_levels(&self, robot_id: i64) -> Result<Vec<f64>, StoreError> {
         self.checked(latest_warm_levels(&self.readers, robot_id).await)
     }
 
     /// Key and name of every robot with a complete test, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn tested_robots(&self) -> Result<Vec<(i64, String)>, StoreError> {
         self.checked(tested_robots(&self.readers).await)
     }
@@ -89,22 +74,18 @@ impl Store {
 async fn motor_temperatures(
     executor: impl EngineExecutor<'_>,
     (run_id, cycle): (i64, u32),
-) -> Result<Vec<(usize, f64)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(usize, f64)>> {
     sqlx::query(
         "SELECT joint, temperature_degc FROM cycle JOIN cycle_temperature USING (cycle_id)
          WHERE run_id = $1 AND cycle.number = $2 AND joint > 0 ORDER BY joint",
     )
-    .bind(run_id)
-    .bind(i64::from(cycle))
+    .bind_all((run_id, i64::from(cycle)))
     .try_map(|row: EngineRow| Ok((size(&row, "joint")?, row.try_get("temperature_degc")?)))
     .fetch_all(executor)
     .await
 }
 
-async fn latest_warm_levels(
-    executor: impl EngineExecutor<'_>,
-    robot_id: i64,
-) -> Result<Vec<f64>, sqlx::Error> {
+async fn latest_warm_levels(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<Vec<f64>> {
     sqlx::query_scalar(
         "SELECT warm_speed_fraction FROM run_joint_summary
          WHERE warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL AND warm_speed_fraction IS NOT NULL
@@ -121,7 +102,7 @@ async fn latest_warm_levels(
     .await
 }
 
-async fn tested_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<(i64, String)>, sqlx::Error> {
+async fn tested_robots(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<(i64, String)>> {
     sqlx::query_as(
         "SELECT robot_id, name FROM robot
          WHERE EXISTS (SELECT 1 FROM run
@@ -135,7 +116,7 @@ async fn tested_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<(i64, St
 pub(crate) async fn run_measurements(
     connection: &mut EngineConnection,
     run_id: i64,
-) -> Result<RunMeasurements, sqlx::Error> {
+) -> sqlx::Result<RunMeasurements> {
     Ok(RunMeasurements {
         friction_points: friction_points(&mut *connection, run_id).await?,
         parameters: parameters_by_cycle(&mut *connection, run_id).await?,
@@ -149,7 +130,7 @@ pub(crate) async fn run_measurements(
 pub(crate) async fn of_parameters(
     connection: &mut EngineConnection,
     run_id: i64,
-) -> Result<RunMeasurements, sqlx::Error> {
+) -> sqlx::Result<RunMeasurements> {
     Ok(RunMeasurements {
         friction_points: Vec::new(),
         parameters: parameters_by_cycle(&mut *connection, run_id).await?,
@@ -163,7 +144,7 @@ pub(crate) async fn of_parameters(
 pub(crate) async fn friction_points(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<CyclePoint>, sqlx::Error> {
+) -> sqlx::Result<Vec<CyclePoint>> {
     sqlx::query(
         concat!(
             "SELECT cycle.number AS cycle, joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm,
@@ -187,7 +168,7 @@ pub(crate) async fn friction_points(
 async fn parameters_by_cycle(
     connection: &mut EngineConnection,
     run_id: i64,
-) -> Result<Vec<CycleParameters>, sqlx::Error> {
+) -> sqlx::Result<Vec<CycleParameters>> {
     let rows = sqlx::query(
         "SELECT cycle.number AS cycle, joint, name, value, std_error, degrees_of_freedom
          FROM cycle
@@ -223,7 +204,7 @@ async fn parameters_by_cycle(
 async fn motions(
     connection: &mut EngineConnection,
     run_id: i64,
-) -> Result<HashMap<u32, (f64, Vec<f64>)>, sqlx::Error> {
+) -> sqlx::Result<HashMap<u32, (f64, Vec<f64>)>> {
     let rows = sqlx::query(
         "SELECT number AS cycle,
                 CAST(cycle.started_at - run.started_at AS DOUBLE PRECISION) / 6e7 + duration_s / 120 AS minute,
@@ -245,10 +226,7 @@ async fn motions(
 }
 
 /// Moving relative RMSD of the excitation stage under self-verification, for the cycles of [`parameters_by_cycle`].
-async fn excitation_rmsd(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<Vec<CycleRmsd>, sqlx::Error> {
+async fn excitation_rmsd(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Vec<CycleRmsd>> {
     sqlx::query(
         "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
          FROM cycle
@@ -272,7 +250,7 @@ pub(crate) async fn friction_points_at(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     speed_fraction: f64,
-) -> Result<Vec<FrictionPoint>, sqlx::Error> {
+) -> sqlx::Result<Vec<FrictionPoint>> {
     sqlx::query(
         concat!(
             "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
@@ -285,15 +263,13 @@ pub(crate) async fn friction_points_at(
             " ORDER BY cycle.number, friction_point.number"
         )
     )
-    .bind(run_id)
-    .bind(speed_fraction - SAME_SPEED)
-    .bind(speed_fraction + SAME_SPEED)
+    .bind_all((run_id, speed_fraction - SAME_SPEED, speed_fraction + SAME_SPEED))
     .try_map(|row| friction_point(&row))
     .fetch_all(executor)
     .await
 }
 
-fn friction_point(row: &EngineRow) -> Result<FrictionPoint, sqlx::Error> {
+fn friction_point(row: &EngineRow) -> sqlx::Result<FrictionPoint> {
     let std: Option<f64> = row.try_get("std_nm")?;
     let (carried, friction): (Option<f64>, Option<f64>) =
         (row.try_get("load_nm")?, row.try_get("load_friction")?);

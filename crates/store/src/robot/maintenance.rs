@@ -10,7 +10,7 @@ use sqlx::Row;
 use super::alarms::alarm_life::{maintain, open_again};
 use super::alarms::anomalies::Person;
 use super::settled;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::attempts::{self, AttemptKind};
@@ -74,9 +74,6 @@ impl Store {
     /// acknowledged or shelved are put into maintenance. The conclusions of the robot become stale.
     ///
     /// The same maintenance within a minute is one entry, also if two programs enter it at once.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn enter_maintenance(
         &self,
         of: &NewMaintenance,
@@ -95,9 +92,6 @@ impl Store {
 
     /// Removes an entry and returns it; `None` if none has this key. Anomalies that are in maintenance by no other
     /// entry become open, and the conclusions of the robot become stale.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn remove_maintenance(
         &self,
         maintenance_id: i64,
@@ -111,9 +105,6 @@ impl Store {
 
     /// Corrects an entry and returns its key, which is a new one if the place or the time has changed. Alarms and
     /// baselines are then as if the old entry had never existed. `None` if none has this key.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn edit_maintenance(
         &self,
         maintenance_id: i64,
@@ -129,17 +120,11 @@ impl Store {
     }
 
     /// Maintenance of one robot or, without a name, of all, by time.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn maintenance(&self, robot: Option<&str>) -> Result<Vec<MaintenanceRow>, StoreError> {
         self.checked(rows(&self.readers, robot).await)
     }
 
     /// Number of a robot's joints in its tests; `None` if no robot has this name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn known_joints(&self, robot: &str) -> Result<Option<usize>, StoreError> {
         let found: Option<i64> = self.checked(
             sqlx::query_scalar(
@@ -163,7 +148,7 @@ fn is_same(known: &Maintenance, new: &NewMaintenance) -> bool {
 async fn enter(
     connection: &mut EngineConnection,
     of: &NewMaintenance,
-) -> Result<Result<i64, NotEntered>, sqlx::Error> {
+) -> sqlx::Result<Result<i64, NotEntered>> {
     let known = rows(&mut *connection, Some(&of.robot)).await?;
     if let Some(row) = known.into_iter().find(|row| is_same(&row.work, of)) {
         return Ok(Err(NotEntered::Known(Box::new(row))));
@@ -173,11 +158,7 @@ async fn enter(
          SELECT robot_id, $2, $3, $4, $5 FROM robot WHERE name = $1
          RETURNING maintenance_id",
     )
-    .bind(&of.robot)
-    .bind(of.joint.map(joint_number))
-    .bind(of.at.as_microsecond())
-    .bind(&of.what)
-    .bind(of.who.as_deref())
+    .bind_all((&of.robot, of.joint.map(joint_number), of.at.as_microsecond(), &of.what, of.who.as_deref()))
     .fetch_optional(&mut *connection)
     .await?;
     let Some(entered) = entered else { return Ok(Err(NotEntered::NoRobot)) };
@@ -191,10 +172,7 @@ async fn enter(
 
 /// Anomalies of the place of maintenance that began before it, have not ended, and are neither closed nor in
 /// maintenance by another entry.
-async fn unsettled_before(
-    executor: impl EngineExecutor<'_>,
-    of: &NewMaintenance,
-) -> Result<Vec<i64>, sqlx::Error> {
+async fn unsettled_before(executor: impl EngineExecutor<'_>, of: &NewMaintenance) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
          FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
@@ -205,9 +183,7 @@ async fn unsettled_before(
                AND NOT anomaly.ended AND NOT anomaly.withdrawn
          ORDER BY anomaly.anomaly_id",
     )
-    .bind(&of.robot)
-    .bind(of.joint.map(joint_number))
-    .bind(of.at.as_microsecond())
+    .bind_all((&of.robot, of.joint.map(joint_number), of.at.as_microsecond()))
     .fetch_all(executor)
     .await
 }
@@ -216,7 +192,7 @@ async fn edit(
     connection: &mut EngineConnection,
     maintenance_id: i64,
     of: &NewMaintenance,
-) -> Result<Option<Result<i64, NotEntered>>, sqlx::Error> {
+) -> sqlx::Result<Option<Result<i64, NotEntered>>> {
     let all = rows(&mut *connection, None).await?;
     let Some(old) = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id) else {
         return Ok(None);
@@ -226,9 +202,7 @@ async fn edit(
         return enter(connection, of).await.map(Some);
     }
     sqlx::query("UPDATE maintenance SET what = $1, who = $2 WHERE maintenance_id = $3")
-        .bind(&of.what)
-        .bind(of.who.as_deref())
-        .bind(maintenance_id)
+        .bind_all((&of.what, of.who.as_deref(), maintenance_id))
         .execute(connection)
         .await?;
     Ok(Some(Ok(maintenance_id)))
@@ -237,7 +211,7 @@ async fn edit(
 async fn remove(
     connection: &mut EngineConnection,
     maintenance_id: i64,
-) -> Result<Option<MaintenanceRow>, sqlx::Error> {
+) -> sqlx::Result<Option<MaintenanceRow>> {
     let all = rows(&mut *connection, None).await?;
     let removed = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
     sqlx::query("DELETE FROM maintenance WHERE maintenance_id = $1")
@@ -258,7 +232,7 @@ async fn remove(
 async fn maintained_by_nothing(
     executor: impl EngineExecutor<'_>,
     removed: &MaintenanceRow,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
          FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
@@ -271,16 +245,12 @@ async fn maintained_by_nothing(
                          AND (anomaly.first_seen_at < maintenance.at OR anomaly.onset_at < maintenance.at))
          ORDER BY anomaly.anomaly_id",
     )
-    .bind(&removed.robot)
-    .bind(removed.work.joint.map(joint_number))
+    .bind_all((&removed.robot, removed.work.joint.map(joint_number)))
     .fetch_all(executor)
     .await
 }
 
-async fn rows(
-    executor: impl EngineExecutor<'_>,
-    robot: Option<&str>,
-) -> Result<Vec<MaintenanceRow>, sqlx::Error> {
+async fn rows(executor: impl EngineExecutor<'_>, robot: Option<&str>) -> sqlx::Result<Vec<MaintenanceRow>> {
     sqlx::query(
         "SELECT robot.name AS robot, maintenance_id, joint, at, what, who, recorded_at
          FROM maintenance JOIN robot USING (robot_id)
@@ -299,7 +269,7 @@ async fn rows(
     .await
 }
 
-fn maintenance(row: &EngineRow) -> Result<Maintenance, sqlx::Error> {
+fn maintenance(row: &EngineRow) -> sqlx::Result<Maintenance> {
     let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
     Ok(Maintenance {
         maintenance_id: row.try_get("maintenance_id")?,
@@ -314,7 +284,7 @@ fn maintenance(row: &EngineRow) -> Result<Maintenance, sqlx::Error> {
 pub(crate) async fn of_robot(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
-) -> Result<Vec<Maintenance>, sqlx::Error> {
+) -> sqlx::Result<Vec<Maintenance>> {
     sqlx::query(
         "SELECT maintenance_id, joint, at, what, who FROM maintenance
          WHERE robot_id = $1 ORDER BY at, maintenance_id",
@@ -333,7 +303,7 @@ pub type DescriptionKey = (Option<i64>, Option<Vec<u8>>);
 pub(crate) async fn test_moments(
     connection: &mut EngineConnection,
     robot_id: i64,
-) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, TestMoment<DescriptionKey>)>> {
     let found = sqlx::query(
         "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
          WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
@@ -351,7 +321,7 @@ pub(super) async fn moments_of(
     connection: &mut EngineConnection,
     robot_id: i64,
     keys: &[i64],
-) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, TestMoment<DescriptionKey>)>> {
     let found = sqlx::query(
         "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
          WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))
@@ -364,7 +334,7 @@ pub(super) async fn moments_of(
     described(connection, robot_id, found).await
 }
 
-fn test_moment(row: &EngineRow) -> Result<(i64, TestMoment<DescriptionKey>), sqlx::Error> {
+fn test_moment(row: &EngineRow) -> sqlx::Result<(i64, TestMoment<DescriptionKey>)> {
     let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
     Ok((row.try_get("run_id")?, TestMoment { started_at: time(row, "started_at")?, description }))
 }
@@ -374,7 +344,7 @@ async fn described(
     connection: &mut EngineConnection,
     robot_id: i64,
     mut tests: Vec<(i64, TestMoment<DescriptionKey>)>,
-) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, TestMoment<DescriptionKey>)>> {
     let mut given: HashMap<Option<i64>, Vec<u8>> = HashMap::new();
     for (_, TestMoment { description: (model, hash), .. }) in &tests {
         if let Some(hash) = hash {
@@ -403,15 +373,14 @@ async fn oldest_description(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     model: Option<i64>,
-) -> Result<Option<Vec<u8>>, sqlx::Error> {
+) -> sqlx::Result<Option<Vec<u8>>> {
     sqlx::query_scalar(
         "SELECT figures_hash FROM run
          WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND robot_model_id IS NOT DISTINCT FROM $2
                AND figures_hash IS NOT NULL
          ORDER BY started_at, run_id LIMIT 1",
     )
-    .bind(robot_id)
-    .bind(model)
+    .bind_all((robot_id, model))
     .fetch_optional(executor)
     .await
 }
@@ -423,7 +392,7 @@ pub(crate) async fn epoch_ordinals(
     robot_id: i64,
     joints: usize,
     among: &[i64],
-) -> Result<HashMap<i64, Vec<u32>>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, Vec<u32>>> {
     let tests = moments_of(&mut *connection, robot_id, among).await?;
     let work = of_robot(connection, robot_id).await?;
     let (run_ids, moments): (Vec<i64>, Vec<TestMoment<DescriptionKey>>) = tests.into_iter().unzip();

@@ -12,5 +12,5 @@ pub(super) mod summaries;
 mod settled;
 pub(super) mod windows;
 pub(super) mod indices;
-pub(super) mod open_test;
+pub(super) mod unfinished_run;
 pub(super) mod peers;

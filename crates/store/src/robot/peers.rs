@@ -4,7 +4,7 @@ use sqlx::{FromRow, Row};
 
 use super::conclude::ConclusionTransaction;
 use super::figures::joint_summary;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use armwatch_model::analysis::JointSummary;
@@ -17,9 +17,6 @@ const COMPARED_AT_ONCE: i64 = 8;
 impl Store {
     /// The first `tests` complete tests of each other robot whose latest test is of the same model, for robots with
     /// that many, by name; at most [`MOST_PEERS`].
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn peers(&self, robot_id: i64, tests: usize) -> Result<Vec<Peer>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(peers(&mut connection, robot_id, tests).await)
@@ -29,9 +26,6 @@ impl Store {
 impl ConclusionTransaction {
     /// Stores the number of others that the robot was compared with, and makes robots of its model stale that could be
     /// compared with more than they were. `tests` is the number of tests that a robot needs for the comparison.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn compared_with(&mut self, peers: usize, tests: usize) -> Result<(), StoreError> {
         let result = compared_with(&mut self.transaction, self.robot_id, peers, tests).await;
         self.checked(result)
@@ -49,7 +43,7 @@ struct PeerRobot {
 }
 
 impl FromRow<'_, EngineRow> for PeerRobot {
-    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
             robot_id: row.try_get("robot_id")?,
             name: row.try_get("name")?,
@@ -64,7 +58,7 @@ async fn members(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     tests: usize,
-) -> Result<Vec<PeerRobot>, sqlx::Error> {
+) -> sqlx::Result<Vec<PeerRobot>> {
     sqlx::query_as(
         "WITH latest AS (
              SELECT robot_id, name, peers_compared,
@@ -82,17 +76,12 @@ async fn members(
          JOIN latest AS own ON own.robot_id = $1 AND own.model = latest.model
          ORDER BY latest.name",
     )
-    .bind(robot_id)
-    .bind(i64::try_from(tests).unwrap_or(i64::MAX))
+    .bind_all((robot_id, i64::try_from(tests).unwrap_or(i64::MAX)))
     .fetch_all(executor)
     .await
 }
 
-async fn peers(
-    connection: &mut EngineConnection,
-    robot_id: i64,
-    tests: usize,
-) -> Result<Vec<Peer>, sqlx::Error> {
+async fn peers(connection: &mut EngineConnection, robot_id: i64, tests: usize) -> sqlx::Result<Vec<Peer>> {
     let members = members(&mut *connection, robot_id, tests).await?;
     let needed = i64::try_from(tests).unwrap_or(i64::MAX);
     let others = members.into_iter().filter(|of| of.robot_id != robot_id && of.tests >= needed);
@@ -107,7 +96,7 @@ async fn first_tests(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     tests: i64,
-) -> Result<Vec<Vec<JointSummary>>, sqlx::Error> {
+) -> sqlx::Result<Vec<Vec<JointSummary>>> {
     let rows = sqlx::query(
         "SELECT early.run_id, summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm,
                 summary.warm_minute, summary.warm_speed_fraction, summary.excitation_friction_nm,
@@ -122,8 +111,7 @@ async fn first_tests(
          JOIN run_joint_summary AS summary USING (run_id)
          ORDER BY early.started_at, early.run_id, summary.joint",
     )
-    .bind(robot_id)
-    .bind(tests)
+    .bind_all((robot_id, tests))
     .try_map(|row: EngineRow| Ok((row.try_get::<i64, _>("run_id")?, joint_summary::of_row(&row)?)))
     .fetch_all(executor)
     .await?;
@@ -135,10 +123,9 @@ async fn compared_with(
     robot_id: i64,
     peers: usize,
     tests: usize,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("UPDATE robot SET peers_compared = $1 WHERE robot_id = $2")
-        .bind(i64::try_from(peers).unwrap_or(i64::MAX))
-        .bind(robot_id)
+        .bind_all((i64::try_from(peers).unwrap_or(i64::MAX), robot_id))
         .execute(&mut *connection)
         .await?;
     let members = members(&mut *connection, robot_id, tests).await?;
@@ -152,8 +139,7 @@ async fn compared_with(
         if is_due {
             // stored at the same time, so that no other robot makes it stale again before its conclusion
             sqlx::query("UPDATE robot SET history = history + 1, peers_compared = $1 WHERE robot_id = $2")
-                .bind(others)
-                .bind(of.robot_id)
+                .bind_all((others, of.robot_id))
                 .execute(&mut *connection)
                 .await?;
         }

@@ -7,7 +7,7 @@ use sqlx::{AssertSqlSafe, Row};
 use super::conclude::ConclusionTransaction;
 use super::figures::packed::{packed, unpacked};
 use super::summaries;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow, begin_reading};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::log_summaries;
@@ -19,17 +19,11 @@ use armwatch_model::run::RunKind;
 impl Store {
     /// The part of the robot's history of this kind that is settled at the latest boundary; at its beginning nothing is
     /// settled.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn settled(&self, robot_id: i64, kind: RunKind) -> Result<Settled, StoreError> {
         Ok(self.checked(latest(&self.readers, robot_id, kind).await)?.unwrap_or_default())
     }
 
     /// Keys of the runs of a window, oldest first: those before the boundary, and at most `most` after it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn window_keys(
         &self,
         robot_id: i64,
@@ -42,9 +36,6 @@ impl Store {
     }
 
     /// The tests used for the robot's latest conclusion, and all later ones, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn latest_window(&self, robot_id: i64, method: u64) -> Result<Vec<RunSummary>, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         let settled =
@@ -56,9 +47,6 @@ impl Store {
     }
 
     /// Summaries of production logs, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn log_window(&self, run_ids: &[i64]) -> Result<Vec<ProductionSummary>, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         self.checked(log_summaries::summaries(&mut snapshot, run_ids).await)
@@ -66,16 +54,13 @@ impl Store {
 
     /// Opens the settled history of a robot, or of all robots, from this time on: the next conclusion evaluates the
     /// tests and logs from there again, with all that have arrived since. Returns the names of the robots.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reopen_history(
         &self,
         robot: Option<&str>,
         from: Timestamp,
     ) -> Result<Vec<String>, StoreError> {
         let mut transaction = self.begin().await?;
-        let robots: Result<Vec<String>, sqlx::Error> = sqlx::query_scalar(
+        let robots: sqlx::Result<Vec<String>> = sqlx::query_scalar(
             "UPDATE robot SET history = history + 1 WHERE $1 IS NULL OR name = $1 RETURNING name",
         )
         .bind(robot)
@@ -93,9 +78,6 @@ impl Store {
 
     /// Start of the first run that is not settled, if this run arrived too late to be evaluated: it began before the
     /// boundary and was stored after that was settled. `None` for runs that are evaluated.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn arrived_too_late(&self, run_id: i64) -> Result<Option<Timestamp>, StoreError> {
         let boundary: Option<i64> = self.checked(
             sqlx::query_scalar(
@@ -115,9 +97,6 @@ impl Store {
 impl Store {
     /// Start of the first run of this kind that is not settled, if it is later than this time: conclusions will not use
     /// an export that begins then.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn settled_after(
         &self,
         robot: &str,
@@ -129,9 +108,7 @@ impl Store {
                 "SELECT max(boundary_at) FROM settled_history JOIN robot USING (robot_id)
                  WHERE robot.name = $1 AND kind = $2 AND boundary_at > $3",
             )
-            .bind(robot)
-            .bind(kind.name())
-            .bind(started_at.as_microsecond())
+            .bind_all((robot, kind.name(), started_at.as_microsecond()))
             .fetch_one(&self.readers)
             .await,
         )?;
@@ -141,11 +118,7 @@ impl Store {
 
 impl ConclusionTransaction {
     /// Stores the settled part of a history and returns its key.
-    pub(super) async fn keep_settled(
-        &mut self,
-        kind: RunKind,
-        settled: &Settled,
-    ) -> Result<i64, sqlx::Error> {
+    pub(super) async fn keep_settled(&mut self, kind: RunKind, settled: &Settled) -> sqlx::Result<i64> {
         insert(&mut *self.transaction, self.robot_id, kind, settled).await
     }
 }
@@ -155,16 +128,14 @@ pub(super) async fn reopen(
     executor: impl EngineExecutor<'_>,
     robot: &str,
     from: Timestamp,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "DELETE FROM settled_history
          WHERE robot_id = (SELECT robot_id FROM robot WHERE name = $1) AND follows_until >= $2",
     )
-    .bind(robot)
-    .bind(from.as_microsecond())
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((robot, from.as_microsecond()))
+    .run(executor)
+    .await
 }
 
 /// Stores which part of the history has settled an anomaly.
@@ -172,11 +143,10 @@ pub(super) async fn settle_anomaly(
     executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     settled_by: Option<i64>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if settled_by.is_some() {
         sqlx::query("UPDATE anomaly SET settled_history_id = $1 WHERE anomaly_id = $2")
-            .bind(settled_by)
-            .bind(anomaly_id)
+            .bind_all((settled_by, anomaly_id))
             .execute(executor)
             .await?;
     }
@@ -188,7 +158,7 @@ pub(super) async fn settle_withdrawn(
     connection: &mut EngineConnection,
     robot_id: i64,
     kind: RunKind,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let Some((leads_from, _)) =
         latest(&mut *connection, robot_id, kind).await?.and_then(|settled| settled.leads_from)
     else {
@@ -203,19 +173,13 @@ pub(super) async fn settle_withdrawn(
          WHERE robot_id = $1 AND settled_history_id IS NULL AND withdrawn AND last_seen_at < $3
                AND open_run_id IS NULL AND quantity IN ({quantities})"
     )))
-    .bind(robot_id)
-    .bind(kind.name())
-    .bind(leads_from.as_microsecond())
-    .execute(connection)
-    .await?;
-    Ok(())
+    .bind_all((robot_id, kind.name(), leads_from.as_microsecond()))
+    .run(connection)
+    .await
 }
 
 /// Keys of the tests that distinguish the epochs of a robot's latest tests.
-pub(super) async fn latest_keys(
-    connection: &mut EngineConnection,
-    robot_id: i64,
-) -> Result<Vec<i64>, sqlx::Error> {
+pub(super) async fn latest_keys(connection: &mut EngineConnection, robot_id: i64) -> sqlx::Result<Vec<i64>> {
     let settled = latest(&mut *connection, robot_id, RunKind::Test).await?.unwrap_or_default();
     let [before, behind] = keys(connection, robot_id, RunKind::Test, &settled, usize::MAX).await?;
     Ok([settled.first_of_epochs, before, behind].concat())
@@ -229,7 +193,7 @@ async fn keys(
     kind: RunKind,
     settled: &Settled,
     most: usize,
-) -> Result<[Vec<i64>; 2], sqlx::Error> {
+) -> sqlx::Result<[Vec<i64>; 2]> {
     let Settled { read, leads_from, boundary, .. } = settled;
     let mut before = read.clone();
     if let (Some(from), Some(until)) = (leads_from, boundary) {
@@ -247,7 +211,7 @@ async fn between(
     from: Option<Moment>,
     until: Option<Moment>,
     most: usize,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     let of = |at: Option<Moment>, without: i64| {
         at.map_or((without, without), |(at, run_id)| (at.as_microsecond(), run_id))
     };
@@ -269,12 +233,7 @@ async fn between(
         }
     };
     sqlx::query_scalar(statement)
-        .bind(robot_id)
-        .bind(from.0)
-        .bind(from.1)
-        .bind(until.0)
-        .bind(until.1)
-        .bind(i64::try_from(most).unwrap_or(i64::MAX))
+        .bind_all((robot_id, from.0, from.1, until.0, until.1, i64::try_from(most).unwrap_or(i64::MAX)))
         .fetch_all(executor)
         .await
 }
@@ -283,12 +242,11 @@ pub(super) async fn latest(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     kind: RunKind,
-) -> Result<Option<Settled>, sqlx::Error> {
+) -> sqlx::Result<Option<Settled>> {
     let numbers = sqlx::query(
         "SELECT numbers FROM settled_history WHERE robot_id = $1 AND kind = $2 ORDER BY runs DESC LIMIT 1",
     )
-    .bind(robot_id)
-    .bind(kind.name())
+    .bind_all((robot_id, kind.name()))
     .try_map(|row: EngineRow| row.try_get::<Vec<u8>, _>("numbers"))
     .fetch_optional(executor)
     .await?;
@@ -300,19 +258,15 @@ async fn insert(
     robot_id: i64,
     kind: RunKind,
     settled: &Settled,
-) -> Result<i64, sqlx::Error> {
+) -> sqlx::Result<i64> {
     let micros = |at: Option<Moment>| at.map_or(i64::MAX, |(at, _)| at.as_microsecond());
     sqlx::query_scalar(
         "INSERT INTO settled_history (robot_id, kind, runs, boundary_at, follows_until, latest_run_id, numbers)
          SELECT $1, $2, $3, $4, $5, max(run_id), $6 FROM run
          RETURNING settled_history_id",
     )
-    .bind(robot_id)
-    .bind(kind.name())
-    .bind(i64::try_from(settled.runs).unwrap_or(i64::MAX))
-    .bind(micros(settled.boundary))
-    .bind(micros(settled.follows_until))
-    .bind(packed(settled)?)
+    .bind_all((robot_id, kind.name(), i64::try_from(settled.runs).unwrap_or(i64::MAX)))
+    .bind_all((micros(settled.boundary), micros(settled.follows_until), packed(settled)?))
     .fetch_one(executor)
     .await
 }

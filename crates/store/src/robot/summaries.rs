@@ -9,7 +9,7 @@ use super::figures::joint_summary::SummaryRow;
 use super::figures::packed::unpacked;
 use super::figures::run_summary::{self, TestFigures};
 use super::{cycle_friction_rows, maintenance};
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow, begin_reading};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::channel_response;
@@ -31,9 +31,6 @@ pub struct TestWindow {
 
 impl Store {
     /// Stores the summaries of those tests whose results have changed since, and of those that have none.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn summarise_tests(&self, run_ids: &[i64], method: u64) -> Result<(), StoreError> {
         let outdated = self.checked(outdated(&self.readers, run_ids, method).await)?;
         for some in outdated.chunks(TESTS_AT_ONCE) {
@@ -49,9 +46,6 @@ impl Store {
 
     /// Reads these tests of a robot, from their stored summaries if these are valid. `first_of_epochs` are other tests,
     /// with which epochs began.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn test_window(
         &self,
         robot_id: i64,
@@ -64,9 +58,6 @@ impl Store {
     }
 
     /// Stores judgements of tests, as bytes, replacing earlier ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_judgements(&self, judgements: &[(i64, Vec<u8>)]) -> Result<(), StoreError> {
         if judgements.is_empty() {
             return Ok(());
@@ -74,8 +65,7 @@ impl Store {
         let mut transaction = self.begin().await?;
         for (run_id, bytes) in judgements {
             let kept = sqlx::query("UPDATE run_summary SET judgements = $1 WHERE run_id = $2")
-                .bind(bytes)
-                .bind(run_id)
+                .bind_all((bytes, run_id))
                 .execute(&mut *transaction)
                 .await;
             self.checked(kept)?;
@@ -84,9 +74,6 @@ impl Store {
     }
 
     /// Reads all complete tests of a robot from the tables, ordered by start, then key.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         let run_ids = self.checked(complete_tests(&mut *snapshot, robot_id).await)?;
@@ -94,7 +81,7 @@ impl Store {
     }
 }
 
-async fn complete_tests(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<Vec<i64>, sqlx::Error> {
+async fn complete_tests(executor: impl EngineExecutor<'_>, robot_id: i64) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar("SELECT run_id FROM run WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'")
         .bind(robot_id)
         .fetch_all(executor)
@@ -102,11 +89,7 @@ async fn complete_tests(executor: impl EngineExecutor<'_>, robot_id: i64) -> Res
 }
 
 /// Those of these tests without a valid summary.
-async fn outdated(
-    executor: impl EngineExecutor<'_>,
-    run_ids: &[i64],
-    method: u64,
-) -> Result<Vec<i64>, sqlx::Error> {
+async fn outdated(executor: impl EngineExecutor<'_>, run_ids: &[i64], method: u64) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT run_id FROM run
          WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1)) AND kind = 'test' AND status = 'complete'
@@ -115,17 +98,12 @@ async fn outdated(
                                      AND summary.method = $2)
          ORDER BY started_at, run_id",
     )
-    .bind(json_list(run_ids))
-    .bind(method.cast_signed())
+    .bind_all((json_list(run_ids), method.cast_signed()))
     .fetch_all(executor)
     .await
 }
 
-async fn store_summary(
-    connection: &mut EngineConnection,
-    run_id: i64,
-    method: u64,
-) -> Result<(), sqlx::Error> {
+async fn store_summary(connection: &mut EngineConnection, run_id: i64, method: u64) -> sqlx::Result<()> {
     cycle_friction_rows::complete(&mut *connection, run_id).await?;
     let figures = run_summary::of_run(&mut *connection, run_id).await?;
     run_summary::store(connection, run_id, &figures, method).await
@@ -146,7 +124,7 @@ pub(super) async fn window(
     run_ids: &[i64],
     first_of_epochs: &[i64],
     method: Option<u64>,
-) -> Result<TestWindow, sqlx::Error> {
+) -> sqlx::Result<TestWindow> {
     let inertial = cycle_friction::inertial(&mut *connection).await?;
     let mut judgements = HashMap::new();
     let mut tests = Vec::with_capacity(run_ids.len());
@@ -172,7 +150,7 @@ async fn stored(
     robot_id: i64,
     run_ids: &[i64],
     method: Option<u64>,
-) -> Result<Vec<(SummarisedTest, Option<TestFigures>, Option<Vec<u8>>)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(SummarisedTest, Option<TestFigures>, Option<Vec<u8>>)>> {
     sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, summary.numbers, summary.judgements,
                 EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
@@ -183,9 +161,7 @@ async fn stored(
                AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id",
     )
-    .bind(robot_id)
-    .bind(json_list(run_ids))
-    .bind(method.map(u64::cast_signed))
+    .bind_all((robot_id, json_list(run_ids), method.map(u64::cast_signed)))
     .try_map(|row: EngineRow| {
         let run = RunSummary {
             run_id: row.try_get("run_id")?,
@@ -208,7 +184,7 @@ async fn together(
     robot_id: i64,
     tests: Vec<SummarisedTest>,
     first_of_epochs: &[i64],
-) -> Result<Vec<RunSummary>, sqlx::Error> {
+) -> sqlx::Result<Vec<RunSummary>> {
     let keys: Vec<i64> = tests.iter().map(|test| test.run.run_id).collect();
     let mut refused = refusals(&mut *connection, &keys).await?;
     let known = |row: &&SummaryRow| row.summary.relative_rmsd.is_some();
@@ -239,7 +215,7 @@ async fn read_responses(
     connection: &mut EngineConnection,
     with_response: &HashSet<i64>,
     runs: &mut [RunSummary],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let mut known: Vec<Vec<u32>> = Vec::new();
     for run in runs.iter_mut().filter(|run| with_response.contains(&run.run_id)) {
         if !known.contains(&run.epochs) {
@@ -254,7 +230,7 @@ async fn read_responses(
 async fn refusals(
     connection: &mut EngineConnection,
     keys: &[i64],
-) -> Result<HashMap<i64, (u32, Vec<RunRefusal>)>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, (u32, Vec<RunRefusal>)>> {
     let keys = json_list(keys);
     let counts: Vec<(i64, u32)> = sqlx::query_as(
         "SELECT run_id, count(*)
@@ -295,7 +271,7 @@ async fn refusals(
     Ok(by_run)
 }
 
-fn refusal(row: &EngineRow) -> Result<RunRefusal, sqlx::Error> {
+fn refusal(row: &EngineRow) -> sqlx::Result<RunRefusal> {
     let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
     Ok(RunRefusal {
         cause: RefusalCause {

@@ -6,7 +6,7 @@ use sqlx::Row;
 use super::alarms::alarm_life::{maintain_until, open_again};
 use super::alarms::anomalies::{AnomalyEvent, Person};
 use super::maintenance::SOMEBODY;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{joint_number, time};
@@ -32,9 +32,6 @@ pub struct NewWindow {
 impl Store {
     /// Plans a window and returns its key; `None` if no robot has this name. If the window has begun, open alarms of
     /// its place are put into maintenance.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn plan_window(&self, of: &NewWindow, clock: Timestamp) -> Result<Option<i64>, StoreError> {
         let mut transaction = self.begin().await?;
         let planned = plan(&mut transaction, of, clock).await;
@@ -44,9 +41,6 @@ impl Store {
     }
 
     /// Deletes a window; returns false if none has this key. Alarms that only this window holds become open.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cancel_window(&self, window_id: i64, clock: Timestamp) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let cancelled = cancel(&mut transaction, window_id, clock).await;
@@ -60,29 +54,21 @@ async fn plan(
     connection: &mut EngineConnection,
     of: &NewWindow,
     clock: Timestamp,
-) -> Result<Option<i64>, sqlx::Error> {
+) -> sqlx::Result<Option<i64>> {
     let planned = sqlx::query_scalar(
         "INSERT INTO maintenance_window (robot_id, joint, from_at, until_at, what, who)
          SELECT robot_id, $2, $3, $4, $5, $6 FROM robot WHERE name = $1
          RETURNING maintenance_window_id",
     )
-    .bind(&of.robot)
-    .bind(of.joint.map(joint_number))
-    .bind(of.from.as_microsecond())
-    .bind(of.until.as_microsecond())
-    .bind(&of.what)
-    .bind(&of.who)
+    .bind_all((&of.robot, of.joint.map(joint_number), of.from.as_microsecond(), of.until.as_microsecond()))
+    .bind_all((&of.what, &of.who))
     .fetch_optional(&mut *connection)
     .await?;
     hold(connection, clock).await?;
     Ok(planned)
 }
 
-async fn cancel(
-    connection: &mut EngineConnection,
-    window_id: i64,
-    clock: Timestamp,
-) -> Result<bool, sqlx::Error> {
+async fn cancel(connection: &mut EngineConnection, window_id: i64, clock: Timestamp) -> sqlx::Result<bool> {
     let held: Vec<i64> = sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
          FROM maintenance_window AS planned JOIN anomaly USING (robot_id)
@@ -109,7 +95,7 @@ async fn cancel(
 pub(in crate::robot) async fn hold(
     connection: &mut EngineConnection,
     clock: Timestamp,
-) -> Result<Vec<AnomalyEvent>, sqlx::Error> {
+) -> sqlx::Result<Vec<AnomalyEvent>> {
     let mut events = Vec::new();
     for held in waiting(&mut *connection, clock).await? {
         let by = Person { who: held.who.as_deref().unwrap_or(SOMEBODY), why: Some(&held.what) };
@@ -119,7 +105,7 @@ pub(in crate::robot) async fn hold(
 }
 
 /// An open alarm with the window of its place that ends last.
-pub(in crate::robot) struct Held {
+pub(in crate::robot) struct HeldAlarm {
     anomaly_id: i64,
     until: Timestamp,
     what: String,
@@ -130,7 +116,7 @@ pub(in crate::robot) struct Held {
 pub(in crate::robot) async fn waiting(
     executor: impl EngineExecutor<'_>,
     clock: Timestamp,
-) -> Result<Vec<Held>, sqlx::Error> {
+) -> sqlx::Result<Vec<HeldAlarm>> {
     let mut held = sqlx::query(
         "SELECT anomaly.anomaly_id, planned.until_at, planned.what, planned.who
          FROM maintenance_window AS planned JOIN anomaly USING (robot_id)
@@ -141,7 +127,7 @@ pub(in crate::robot) async fn waiting(
     )
     .bind(clock.as_microsecond())
     .try_map(|row: EngineRow| {
-        Ok(Held {
+        Ok(HeldAlarm {
             anomaly_id: row.try_get("anomaly_id")?,
             until: time(&row, "until_at")?,
             what: row.try_get("what")?,
@@ -158,7 +144,7 @@ pub(in crate::robot) async fn waiting(
 pub(in crate::robot) async fn over(
     executor: impl EngineExecutor<'_>,
     clock: Timestamp,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT anomaly_id FROM anomaly
          WHERE state = 'maintenance' AND shelved_until <= $1 AND NOT ended AND NOT withdrawn

@@ -13,7 +13,7 @@ pub(crate) mod tests;
 use sqlx::{AssertSqlSafe, Executor, Row};
 
 use self::dialect::Statement;
-use crate::engine::{Dialect, EngineConnection};
+use crate::engine::{Bind, Dialect, EngineConnection, Run};
 
 /// Version of `migrations/schema/`; later changes are written for both engines at once.
 const SQUASHED: i64 = 52;
@@ -89,7 +89,7 @@ impl Schema {
         &self,
         connection: &mut EngineConnection,
         found: Option<i64>,
-    ) -> Result<(), sqlx::Error> {
+    ) -> sqlx::Result<()> {
         if self.engine == Dialect::Postgres {
             // the server sends a notice for each trigger that it drops with its function, and the driver logs it
             run(connection, "SET LOCAL client_min_messages = warning").await?;
@@ -111,11 +111,9 @@ impl Schema {
         }
         run(connection, "DELETE FROM schema_version").await?;
         sqlx::query("INSERT INTO schema_version (only_one, version, derived) VALUES (1, $1, $2)")
-            .bind(self.version())
-            .bind(self.fingerprint())
-            .execute(connection)
-            .await?;
-        Ok(())
+            .bind_all((self.version(), self.fingerprint()))
+            .run(connection)
+            .await
     }
 
     /// Returns true if a database of version `found` needs no change.
@@ -123,7 +121,7 @@ impl Schema {
         &self,
         connection: &mut EngineConnection,
         found: Option<i64>,
-    ) -> Result<bool, sqlx::Error> {
+    ) -> sqlx::Result<bool> {
         if found != Some(self.version()) {
             return Ok(false);
         }
@@ -132,7 +130,7 @@ impl Schema {
         Ok(derived == Some(self.fingerprint()))
     }
 
-    async fn make(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
+    async fn make(&self, connection: &mut EngineConnection) -> sqlx::Result<()> {
         self.make_tables(connection).await?;
         self.make_derived(connection).await?;
         let identity = match self.engine {
@@ -144,7 +142,7 @@ impl Schema {
     }
 
     /// Creates the functions that a server lacks, or marks a file as one of this program.
-    async fn make_functions(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
+    async fn make_functions(&self, connection: &mut EngineConnection) -> sqlx::Result<()> {
         match self.engine {
             Dialect::Sqlite => {
                 let id = crate::verified_copy::APPLICATION_ID;
@@ -154,7 +152,7 @@ impl Schema {
         }
     }
 
-    async fn make_tables(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
+    async fn make_tables(&self, connection: &mut EngineConnection) -> sqlx::Result<()> {
         self.make_functions(connection).await?;
         for statement in &self.tables {
             run(connection, &statement.sql).await?;
@@ -163,7 +161,7 @@ impl Schema {
     }
 
     /// Creates triggers and views, and the missing indexes.
-    async fn make_derived(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
+    async fn make_derived(&self, connection: &mut EngineConnection) -> sqlx::Result<()> {
         let there = names(self.engine, connection, "index").await?;
         for statement in self.derived.iter().filter(|of| !there.contains(&of.name)) {
             run(connection, &statement.sql).await?;
@@ -172,7 +170,7 @@ impl Schema {
     }
 
     /// Drops triggers and views, and the indexes that the schema no longer has.
-    async fn drop_derived(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
+    async fn drop_derived(&self, connection: &mut EngineConnection) -> sqlx::Result<()> {
         let quoted = |names: Vec<String>| names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>();
         let views = quoted(names(self.engine, connection, "view").await?);
         let triggers = quoted(names(self.engine, connection, "trigger").await?);
@@ -201,11 +199,7 @@ impl Schema {
 
 /// Names of the views, triggers or indexes of a database, except those that belong to a constraint. A trigger of
 /// PostgreSQL has the name of its function.
-async fn names(
-    engine: Dialect,
-    connection: &mut EngineConnection,
-    kind: &str,
-) -> Result<Vec<String>, sqlx::Error> {
+async fn names(engine: Dialect, connection: &mut EngineConnection, kind: &str) -> sqlx::Result<Vec<String>> {
     let statement = match (engine, kind) {
         (Dialect::Sqlite, _) => {
             "SELECT name FROM sqlite_schema WHERE type = $1 AND sql IS NOT NULL ORDER BY name"
@@ -232,6 +226,6 @@ async fn names(
 }
 
 /// Runs one or more statements of the program itself.
-async fn run(connection: &mut EngineConnection, sql: &str) -> Result<(), sqlx::Error> {
+async fn run(connection: &mut EngineConnection, sql: &str) -> sqlx::Result<()> {
     connection.execute(sqlx::raw_sql(AssertSqlSafe(sql.to_owned()))).await.map(|_| ())
 }

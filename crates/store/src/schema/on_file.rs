@@ -50,7 +50,7 @@ pub(crate) fn refuse_too_old(path: &Path, found: i64) -> Result<(), StoreError> 
 ///
 /// # Errors
 /// Those of the database.
-pub(crate) async fn version(connection: &mut EngineConnection) -> Result<Option<i64>, sqlx::Error> {
+pub(crate) async fn version(connection: &mut EngineConnection) -> sqlx::Result<Option<i64>> {
     // before version 51, the version was in a table with a row per migration
     for (table, column) in [("schema_version", "version"), ("_sqlx_migrations", "version")] {
         let exists = "SELECT count(*) > 0 FROM sqlite_schema WHERE name = $1";

@@ -4,7 +4,7 @@
 use sqlx::Row;
 
 use super::{Schema, names, run};
-use crate::engine::{Dialect, EngineConnection};
+use crate::engine::{Bind, Dialect, EngineConnection};
 
 /// Prefix of the names of the old tables while their rows are copied.
 const BEFORE: &str = "before_";
@@ -60,7 +60,7 @@ pub(super) async fn rebuild(
     schema: &Schema,
     connection: &mut EngineConnection,
     found: i64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let engine = schema.engine;
     let granted = grants(engine, connection).await?;
     schema.drop_derived(connection).await?;
@@ -101,7 +101,7 @@ pub(super) async fn rebuild(
     grant(connection, &granted).await
 }
 
-async fn copy(connection: &mut EngineConnection, old: &OldTable, new: &OldTable) -> Result<(), sqlx::Error> {
+async fn copy(connection: &mut EngineConnection, old: &OldTable, new: &OldTable) -> sqlx::Result<()> {
     let name = &new.name;
     let (mut columns, mut values) = (Vec::new(), Vec::new());
     for column in &new.columns {
@@ -130,7 +130,7 @@ async fn copy(connection: &mut EngineConnection, old: &OldTable, new: &OldTable)
 }
 
 /// Tables of the database with their writable columns.
-async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Vec<OldTable>, sqlx::Error> {
+async fn tables(engine: Dialect, connection: &mut EngineConnection) -> sqlx::Result<Vec<OldTable>> {
     let rows = sqlx::query(match engine {
         Dialect::Sqlite => {
             "SELECT tables.name, columns.name FROM sqlite_schema AS tables JOIN pragma_table_info(tables.name) AS columns
@@ -167,7 +167,7 @@ async fn put_away(
     engine: Dialect,
     connection: &mut EngineConnection,
     tables: &[OldTable],
-) -> Result<Vec<Counter>, sqlx::Error> {
+) -> sqlx::Result<Vec<Counter>> {
     let mut counters = Vec::new();
     if engine == Dialect::Postgres {
         for index in names(engine, connection, "index").await? {
@@ -212,7 +212,7 @@ async fn set_counters(
     engine: Dialect,
     connection: &mut EngineConnection,
     counters: Vec<Counter>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     if engine == Dialect::Sqlite {
         // SQLite has renamed the counters together with the tables
         let renamed = format!(
@@ -228,14 +228,12 @@ async fn set_counters(
             "SELECT pg_get_serial_sequence($1, $2)
              WHERE EXISTS (SELECT 1 FROM pg_attribute WHERE attrelid = to_regclass($1) AND attname = $2)",
         )
-        .bind(&table)
-        .bind(&column)
+        .bind_all((&table, &column))
         .fetch_optional(&mut *connection)
         .await?;
         if let (Some(Some(sequence)), Some(last)) = (sequence, last) {
             sqlx::query("SELECT setval(CAST($1 AS regclass), $2)")
-                .bind(sequence)
-                .bind(last)
+                .bind_all((sequence, last))
                 .execute(&mut *connection)
                 .await?;
         }
@@ -244,10 +242,7 @@ async fn set_counters(
 }
 
 /// The rights of other users on tables and views of a server, as statements that grant them.
-pub(super) async fn grants(
-    engine: Dialect,
-    connection: &mut EngineConnection,
-) -> Result<Vec<String>, sqlx::Error> {
+pub(super) async fn grants(engine: Dialect, connection: &mut EngineConnection) -> sqlx::Result<Vec<String>> {
     if engine == Dialect::Sqlite {
         return Ok(Vec::new());
     }
@@ -264,7 +259,7 @@ pub(super) async fn grants(
 }
 
 /// Runs the statements of [`grants`] whose table or view still exists.
-pub(super) async fn grant(connection: &mut EngineConnection, granted: &[String]) -> Result<(), sqlx::Error> {
+pub(super) async fn grant(connection: &mut EngineConnection, granted: &[String]) -> sqlx::Result<()> {
     for statement in granted {
         let table =
             statement.split(" ON ").nth(1).and_then(|rest| rest.split(" TO ").next()).unwrap_or_default();

@@ -20,7 +20,7 @@ use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 
 /// The latest test of a robot, and the store that it is in.
-pub(super) struct Robot<'a> {
+pub(super) struct TestedRobot<'a> {
     store: &'a Store,
     name: String,
     robot_id: i64,
@@ -28,7 +28,7 @@ pub(super) struct Robot<'a> {
     runs: Vec<i64>,
 }
 
-impl<'a> Robot<'a> {
+impl<'a> TestedRobot<'a> {
     pub(super) async fn with_runs(store: &'a Store, name: &str, days: usize) -> Self {
         let mut runs = Vec::new();
         for day in 0..days {
@@ -116,7 +116,7 @@ fn ended(of: Anomaly) -> Anomaly {
 #[tokio::test]
 async fn an_episode_keeps_its_number_and_acknowledgement_while_the_history_is_refitted() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 12).await;
     let warm = Anomaly { quantity: Quantity::WarmFriction, ..robot.drift(6, 7) };
     assert_eq!(robot.events(vec![warm]).await, [Opened]);
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
@@ -153,7 +153,7 @@ async fn an_episode_keeps_its_number_and_acknowledgement_while_the_history_is_re
 #[tokio::test]
 async fn what_gets_worse_is_written_down_once_a_step_and_never_by_a_refit_alone() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 4).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 4).await;
     let with = |score, severity| Anomaly { score, severity, ..robot.drift(0, 1) };
     assert_eq!(robot.events(vec![with(0.06, Severity::Warning)]).await, [Opened]);
     for (score, severity, expected) in [
@@ -176,7 +176,7 @@ async fn what_gets_worse_is_written_down_once_a_step_and_never_by_a_refit_alone(
 #[tokio::test]
 async fn what_people_said_holds_as_long_as_the_episode_and_no_longer() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 10).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 10).await;
     robot.reconcile(vec![robot.drift(2, 4)]).await;
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
     let state = async || robot.shown().await[0].2.clone();
@@ -220,7 +220,7 @@ async fn what_people_said_holds_as_long_as_the_episode_and_no_longer() {
 #[tokio::test]
 async fn work_puts_what_began_before_it_into_maintenance_until_a_later_run_shows_it_or_none_does() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 12).await;
     let at_joint =
         |number: Option<usize>, to: usize| Anomaly { joint: number.map(joint), ..robot.drift(2, to) };
     let found = |of_third: usize| vec![at_joint(Some(1), 4), at_joint(Some(3), of_third), at_joint(None, 4)];
@@ -265,7 +265,7 @@ async fn work_puts_what_began_before_it_into_maintenance_until_a_later_run_shows
 #[tokio::test]
 async fn work_that_is_entered_late_waits_for_the_conclusions_that_it_changes() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 8).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 8).await;
     robot.reconcile(vec![robot.drift(2, 6)]).await;
     robot.repaired(Some(3), 4).await;
     assert_eq!((robot.states().await, robot.looked_at().await), (vec!["maintenance".to_owned()], vec![]));
@@ -277,7 +277,7 @@ async fn work_that_is_entered_late_waits_for_the_conclusions_that_it_changes() {
 #[tokio::test]
 async fn work_that_is_taken_back_opens_what_is_in_maintenance_by_nothing_else() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 8).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 8).await;
     let found = || vec![robot.drift(2, 4)];
     robot.reconcile(found()).await;
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
@@ -338,7 +338,7 @@ async fn a_withdrawn_anomaly_colours_nothing_and_comes_back_as_it_was() {
 #[tokio::test]
 async fn an_alarm_of_a_joint_that_is_told_of_the_arm_says_so_when_it_is_withdrawn() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 6).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 6).await;
     let swing = |from, to| Anomaly {
         kind: AnomalyKind::Oscillation,
         quantity: Quantity::FrictionSwing,
@@ -394,7 +394,7 @@ async fn what_monitoring_and_the_dashboard_hear_is_what_is_not_settled() {
 #[tokio::test]
 async fn what_ended_before_it_was_found_is_no_news_until_it_goes_on() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 10).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 10).await;
     assert_eq!(robot.events(vec![ended(robot.drift(2, 4))]).await, []);
     assert_eq!(robot.shown().await[0].2, "resolved");
     assert_eq!(robot.events(vec![]).await, [], "nor is that it is none");
@@ -405,7 +405,7 @@ async fn what_ended_before_it_was_found_is_no_news_until_it_goes_on() {
 #[tokio::test]
 async fn an_action_is_done_to_all_or_to_none_and_only_where_it_makes_sense() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 5).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 5).await;
     let other = Anomaly { joint: None, ..ended(robot.drift(1, 2)) };
     robot.reconcile(vec![robot.drift(1, 4), other]).await;
     let [(open, ..), (past, ..)] = robot.shown().await[..] else { panic!("two") };
@@ -432,7 +432,7 @@ async fn an_action_is_done_to_all_or_to_none_and_only_where_it_makes_sense() {
 #[tokio::test]
 async fn an_anomaly_outlives_its_runs_with_what_people_said() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 5).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 5).await;
     robot.reconcile(vec![robot.drift(1, 3)]).await;
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
     act(&store, id, Acknowledge).await.expect("possible");
@@ -446,7 +446,7 @@ async fn an_anomaly_outlives_its_runs_with_what_people_said() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
     let (folder, store) = fresh_file().await;
-    let robot = Robot::with_runs(&store, "R00", 8).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 8).await;
     let path = folder.path().join("fleet.db");
     for last in [3, 5, 7] {
         let found = Anomaly { score: f64::from(1_u32 << last), ..robot.drift(2, last) };
@@ -475,7 +475,7 @@ async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
 
 /// Possible findings of a detector for the known runs. It compares with the mean of the first two, so a run that
 /// arrives late changes the findings of later ones. Two quiet runs end an episode.
-fn judged(robot: &Robot<'_>, known: &[usize], levels: &[f64]) -> Vec<Anomaly> {
+fn judged(robot: &TestedRobot<'_>, known: &[usize], levels: &[f64]) -> Vec<Anomaly> {
     let mut known = known.to_vec();
     known.sort_unstable();
     let Some([first, second]) = known.first_chunk() else { return Vec::new() };
@@ -533,13 +533,13 @@ async fn runs_in_any_order_show_what_all_at_once_show() {
             );
             sqlx::query_scalar(AssertSqlSafe(query)).fetch_all(&store.readers).await.expect("rows")
         };
-        let at_once = Robot::with_runs(&store, "once", levels.len()).await;
+        let at_once = TestedRobot::with_runs(&store, "once", levels.len()).await;
         at_once.reconcile(judged(&at_once, &[0, 1, 2, 3, 4, 5], &levels)).await;
         let expected = shown("once").await;
         assert!(!expected.is_empty() && expected.iter().all(|row| row.len() > 100), "{expected:?}");
         let mut lives = HashSet::new();
         for (n, order) in orders(levels.len()).iter().enumerate().step_by(7) {
-            let robot = Robot::with_runs(&store, &format!("R{n}"), levels.len()).await;
+            let robot = TestedRobot::with_runs(&store, &format!("R{n}"), levels.len()).await;
             let mut life = String::new();
             for arrived in 1..=order.len() {
                 let events = robot.events(judged(&robot, &order[..arrived], &levels)).await;

@@ -11,7 +11,7 @@ mod finish;
 mod identity;
 mod open;
 pub(crate) mod upgrade;
-mod open_test;
+mod unfinished_run;
 mod reestimates;
 mod verification;
 pub(crate) mod support;

@@ -21,7 +21,7 @@ const SOURCES: [&str; 18] = [
     "robot/history.rs",
     "robot/figures/joint_summary.rs",
     "robot/maintenance.rs",
-    "robot/open_test.rs",
+    "robot/unfinished_run.rs",
     "robot/peers.rs",
     "robot/figures/run_summary.rs",
     "robot/settled.rs",

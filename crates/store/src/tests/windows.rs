@@ -3,7 +3,7 @@
 use EventKind::{Opened, Reopened};
 use jiff::{SignedDuration, Timestamp};
 
-use super::anomalies::Robot;
+use super::anomalies::TestedRobot;
 use super::support::{day, fresh, joint};
 use crate::robot::alarms::alarm_life::NotDone;
 use crate::robot::alarms::alarm_state::{AlarmState, EventKind};
@@ -14,7 +14,7 @@ use armwatch_model::anomaly::Anomaly;
 #[tokio::test]
 async fn a_window_holds_alarms_of_its_place_until_its_end() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 12).await;
     let now = Timestamp::now();
     let in_hours = |hours: i64| now + SignedDuration::from_hours(hours);
     let window = |of: usize, from: i64, until: i64| NewWindow {
@@ -50,7 +50,7 @@ async fn a_window_holds_alarms_of_its_place_until_its_end() {
 #[tokio::test]
 async fn work_done_in_a_window_outlasts_it_and_a_cancelled_window_holds_nothing() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 12).await;
     let now = Timestamp::now();
     let until = now + SignedDuration::from_hours(1);
     let (from, what) = (now - SignedDuration::from_hours(1), "gearbox is changed".to_owned());
@@ -70,7 +70,7 @@ async fn work_done_in_a_window_outlasts_it_and_a_cancelled_window_holds_nothing(
 #[tokio::test]
 async fn a_comment_and_a_person_change_no_state() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 12).await;
     robot.reconcile(vec![robot.drift(2, 4)]).await;
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
     store.comment_on_anomaly(id, "mueller", "grease is ordered").await.expect("an answer").expect("possible");
@@ -92,7 +92,7 @@ async fn a_comment_and_a_person_change_no_state() {
 #[tokio::test]
 async fn a_corrected_entry_of_work_stands_as_if_it_had_been_entered_so() {
     let (_folder, store) = fresh().await;
-    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let robot = TestedRobot::with_runs(&store, "R00", 12).await;
     robot.reconcile(vec![robot.drift(2, 4), Anomaly { joint: Some(joint(4)), ..robot.drift(2, 4) }]).await;
     let entered = robot.repaired(Some(3), 5).await;
     assert_eq!(robot.states().await, ["maintenance", "open"]);

@@ -32,7 +32,7 @@ const PARTS: [(usize, u8, usize); 7] =
 const WORDS: [&str; 4] = ["IDLE", "EXC", "FRIC", "WARM"];
 
 /// One row: number, stage, cycle, and the cells of all joints.
-struct Row {
+struct MadeRow {
     number: usize,
     stage: usize,
     cycle: u32,
@@ -41,7 +41,7 @@ struct Row {
     torque: String,
 }
 
-fn rows() -> Vec<Row> {
+fn rows() -> Vec<MadeRow> {
     let mut rows = Vec::new();
     let mut q = [0.0; 6];
     for cycle in 1..=CYCLES {
@@ -59,7 +59,7 @@ fn rows() -> Vec<Row> {
                 let torque: Vec<f64> =
                     (0..6).map(|j| (number * 7919 % 101) as f64 * 0.3 - f64::from(j)).collect();
                 let (position, velocity, torque) = (cells(&q), cells(&qd), cells(&torque));
-                rows.push(Row { number, stage, cycle, position, velocity, torque });
+                rows.push(MadeRow { number, stage, cycle, position, velocity, torque });
             }
         }
     }
@@ -73,7 +73,7 @@ struct Writing {
     layout: Vec<(&'static str, &'static str)>,
     time: fn(usize) -> String,
     /// Cells of the stage, and the names of their columns.
-    stage: (&'static str, fn(&Row) -> String),
+    stage: (&'static str, fn(&MadeRow) -> String),
     counted: bool,
     with_velocity: bool,
     bytes: fn(String) -> Vec<u8>,
@@ -97,7 +97,7 @@ const LEVELS: &str = "kind = \"levels\"\ncolumn = \"stage\"\nbetween = [-0.5, 0.
                       friction = [4.5, 5.5]\nwarming = [7, 8]\nhysteresis = 0.1\ndebounce_s = 0.2";
 
 /// An analogue signal with noise within its ranges and a spike now and then.
-fn level(row: &Row) -> String {
+fn level(row: &MadeRow) -> String {
     let spike = if row.number % 97 == 50 { 2.5 } else { 0.0 };
     format!("{:.3}", 2.5 * row.stage as f64 + spike + 0.4 * (row.number as f64).sin())
 }
@@ -115,8 +115,8 @@ fn stamp(row: usize) -> String {
 
 fn writings() -> Vec<Writing> {
     let native = Writing::default;
-    let words: fn(&Row) -> String = |row| WORDS[row.stage].to_owned();
-    let flags: fn(&Row) -> String =
+    let words: fn(&MadeRow) -> String = |row| WORDS[row.stage].to_owned();
+    let flags: fn(&MadeRow) -> String =
         |row| (1..4).map(|stage| u8::from(row.stage == stage).to_string()).collect::<Vec<_>>().join(",");
     let stage = |section| vec![("stage", section)];
     vec![

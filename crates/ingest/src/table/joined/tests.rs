@@ -31,9 +31,9 @@ fn rows(path: &Path, layout: &Layout) -> Result<RawSamples, Rejection> {
     all.ok_or_else(|| Rejection::of_file(path, "no rows", ""))
 }
 
-struct Case(tempfile::TempDir);
+struct PartsFolder(tempfile::TempDir);
 
-impl Case {
+impl PartsFolder {
     fn new(files: &[(&str, &str)]) -> Self {
         let case = Self(tempfile::tempdir().unwrap());
         files.iter().for_each(|(name, text)| fs::write(case.path(name), text).unwrap());
@@ -46,7 +46,7 @@ impl Case {
 }
 
 fn whole(text: &str) -> RawSamples {
-    let case = Case::new(&[("a.csv", text)]);
+    let case = PartsFolder::new(&[("a.csv", text)]);
     rows(&case.path("a.csv"), &native()).unwrap()
 }
 
@@ -91,11 +91,11 @@ fn parts_after_each_other_are_read_as_one_file() {
         ),
     ] {
         let names = ["a_0.csv", "a_1.csv", "a_2.csv"];
-        let case = Case::new(&[(names[0], &parts[0]), (names[1], &parts[1]), (names[2], &parts[2])]);
+        let case = PartsFolder::new(&[(names[0], &parts[0]), (names[1], &parts[1]), (names[2], &parts[2])]);
         assert_eq!(rows(&case.path("a_{0+}.csv"), &layout).unwrap(), expected, "{cut}");
     }
     // packed, and in another encoding
-    let case = Case::new(&[("b_1.csv", &text[..first])]);
+    let case = PartsFolder::new(&[("b_1.csv", &text[..first])]);
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     packed.write_all(with_header(&text[first..second]).as_bytes()).unwrap();
     fs::write(case.path("b_2.csv"), packed.finish().unwrap()).unwrap();
@@ -112,7 +112,7 @@ fn parts_after_each_other_are_read_as_one_file() {
 fn a_recording_begins_with_the_bytes_that_it_had_before_the_next_part_came() {
     let (_, text) = made_recording(400);
     let cut = text.len() / 2;
-    let case = Case::new(&[("a_0.csv", &text[..cut])]);
+    let case = PartsFolder::new(&[("a_0.csv", &text[..cut])]);
     let [one, all] = ["a_0.csv", "a_{0+}.csv"].map(|name| case.path(name));
     let (hash, bytes) = fingerprint(&one).unwrap();
     assert_eq!(fingerprint(&all).unwrap(), (hash, bytes));
@@ -143,7 +143,8 @@ fn parts_side_by_side_are_read_as_one_file() {
         ((0..7).chain(19..23).collect(), (7..13).collect());
     let torques: Vec<usize> = [0].into_iter().chain(13..19).collect();
     let parts = [columns(&text, &positions), columns(&text, &velocities), columns(&text, &torques)];
-    let case = Case::new(&[("a_pos.csv", &parts[0]), ("a_vel.csv", &parts[1]), ("a_trq.csv", &parts[2])]);
+    let case =
+        PartsFolder::new(&[("a_pos.csv", &parts[0]), ("a_vel.csv", &parts[1]), ("a_trq.csv", &parts[2])]);
     let by_row = layout("match = \"row\"\nnames = [\"pos\", \"vel\", \"trq\"]");
     let path = case.path("a_{pos|vel|trq}.csv");
     assert_eq!(rows(&path, &by_row).unwrap(), expected);
@@ -174,7 +175,7 @@ fn rows_of_the_same_time_stand_side_by_side() {
     let mut of_torques = columns(&text, &torques);
     let ends: Vec<usize> = of_torques.match_indices('\n').map(|(at, _)| at + 1).collect();
     of_torques.replace_range(ends[0]..ends[7], "");
-    let case = Case::new(&[("a_q.csv", &of_positions), ("a_tau.csv", &of_torques)]);
+    let case = PartsFolder::new(&[("a_q.csv", &of_positions), ("a_tau.csv", &of_torques)]);
     let by_time = layout("match = \"time\"\nnames = [\"q\", \"tau\"]");
     let found = rows(&case.path("a_{q|tau}.csv"), &by_time).unwrap();
     assert_eq!(found.rows(), expected.rows() - 7);

@@ -255,13 +255,13 @@ proptest! {
 }
 
 /// A growing file: returns the written bytes up to the next cut, then pauses once.
-struct Slow<'b> {
+struct PausingFile<'b> {
     bytes: &'b [u8],
     given: usize,
     cuts: VecDeque<usize>,
 }
 
-impl Read for Slow<'_> {
+impl Read for PausingFile<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let written = self.cuts.front().map_or(self.bytes.len(), |cut| (*cut).min(self.bytes.len()));
         if self.given >= written && self.cuts.pop_front().is_some() {
@@ -284,7 +284,7 @@ fn read_growing(bytes: &[u8], layout: &Layout, pieces: &[usize], block_bytes: us
         })
         .collect();
     let mut reader = loop {
-        let file = Slow { bytes, given: 0, cuts: cuts.clone() };
+        let file = PausingFile { bytes, given: 0, cuts: cuts.clone() };
         let options = with_blocks_of(block_bytes);
         match ExportReader::of_growing(file, Path::new("a.csv"), layout, &er3a(), options).unwrap() {
             Some(reader) => break reader,

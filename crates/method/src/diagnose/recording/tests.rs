@@ -8,14 +8,13 @@ use crate::analyse::{Method, analyse_cycle};
 use crate::diagnose::model::combination::PlausibleSettings;
 use crate::diagnose::model::{diagnose_model, top_speeds};
 use crate::signal::filter::filter_signals;
-use armwatch_config::parse_robot;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use armwatch_model::run::{Cycle, Samples, Stage};
 use armwatch_simulate::run::record::record;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
-use armwatch_testing::er3a;
+use armwatch_testing::{er3a, scara};
 
 /// Comparison with an examination of every row, for runs of all lengths at all places.
 #[test]
@@ -52,11 +51,6 @@ fn runs_are_found_wherever_they_lie() {
     }
     assert_eq!(runs(&[], 4), []);
     assert_eq!(runs(&[0.0, -0.0, 0.0, -0.0], 4), [(0, 4)]);
-}
-
-fn scara() -> Robot {
-    let text = include_str!("../../../../../config/robots/scara.toml");
-    parse_robot("config/robots/scara.toml", text).expect("the shipped description")
 }
 
 /// One cycle from the simulator: friction with bump, ripple and warm-up, noise, steps.

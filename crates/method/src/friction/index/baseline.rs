@@ -11,7 +11,7 @@
 
 use super::held_map::{HeldMap, Zero, held_record};
 use super::run_record::{
-    Level, activities, known_speed, level_mean, level_points, mean_load, speed_fractions, timeline,
+    SpeedLevel, activities, known_speed, level_mean, level_points, mean_load, speed_fractions, timeline,
 };
 use crate::friction::maps::map::{FittedMap, fit_map};
 use crate::friction::maps::published_map::published;
@@ -181,7 +181,8 @@ fn points_by_level(
     let (mut levels, mut points) = (Vec::new(), Vec::new());
     for speed_fraction in speed_fractions(of_joint.map(|p| p.speed_fraction)) {
         let load = mean_load(first_runs, joint, speed_fraction);
-        let of_level = level_points(joint, Level { place: levels.len(), speed_fraction, load }, runs, starts);
+        let of_level =
+            level_points(joint, SpeedLevel { place: levels.len(), speed_fraction, load }, runs, starts);
         if of_level.iter().any(|p| p.in_map) {
             levels.push(speed_fraction);
             points.extend(of_level);

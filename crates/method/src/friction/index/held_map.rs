@@ -1,6 +1,6 @@
 //! Held friction map, for the computation of the indices of runs.
 
-use super::run_record::{Level, activities, level_points};
+use super::run_record::{SpeedLevel, activities, level_points};
 use crate::friction::maps::map::FittedMap;
 use crate::friction::maps::record::{JointRecord, RecordPoint, ThermalSensor};
 use crate::friction::maps::run_effects::{JointScales, RunEffect};
@@ -145,7 +145,7 @@ pub(super) fn held_record(
     let levels: Vec<f64> = held.map.levels.iter().map(|level| level.speed_fraction).collect();
     let of_level = |(place, &speed_fraction): (usize, &f64)| {
         let load = held.loads.get(place).copied().flatten();
-        level_points(joint, Level { place, speed_fraction, load }, runs, starts)
+        level_points(joint, SpeedLevel { place, speed_fraction, load }, runs, starts)
     };
     let mut points: Vec<RecordPoint> = levels.iter().enumerate().flat_map(of_level).collect();
     points.sort_by(|a, b| a.time.total_cmp(&b.time));

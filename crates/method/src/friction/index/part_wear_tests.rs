@@ -68,7 +68,7 @@ fn daily_test(arm: &mut Arm, hall_k: f64) {
 
 /// Result for one arm.
 #[derive(Debug, Default)]
-struct Said {
+struct ArmResult {
     /// Friction at the first alarm of the worn joint, as a multiple of the healthy one.
     at: Option<f64>,
     /// Kind of this alarm.
@@ -81,9 +81,9 @@ struct Said {
     false_alarms: usize,
 }
 
-fn said(arm: &Arm, truth: &[f64], joint: usize) -> Said {
+fn said(arm: &Arm, truth: &[f64], joint: usize) -> ArmResult {
     let all = summaries(arm, true);
-    let mut said = Said::default();
+    let mut said = ArmResult::default();
     for tests in BASELINE + 1..=all.len() {
         let findings = detect(&all[..tests], &DetectSettings::default());
         let alarms: Vec<_> =

@@ -37,7 +37,7 @@ pub(super) fn timeline(runs: &[&MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
 
 /// Speed level of a map.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Level {
+pub(super) struct SpeedLevel {
     /// Index among the levels of the map.
     pub place: usize,
     /// Nominal speed as a fraction of the joint's largest speed.
@@ -50,7 +50,7 @@ pub(super) struct Level {
 /// within a run are scaled to the friction after it.
 pub(super) fn level_points(
     joint: JointIndex,
-    level: Level,
+    level: SpeedLevel,
     runs: &[&MapRun],
     starts: &[f64],
 ) -> Vec<RecordPoint> {

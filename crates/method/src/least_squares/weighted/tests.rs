@@ -17,28 +17,19 @@ use crate::pooled::nominal_prior::nominal_value;
 use armwatch_model::analysis::{Estimator, Identification};
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
 use armwatch_testing::er3a;
+use armwatch_testing::noise::Noise;
 
 /// Rounding of sums over some thousand rows.
 const ROUNDING: f64 = 1e-8;
 const TRUTH: [f64; 3] = [2.0, -1.0, 0.5];
 
-/// Deterministic noise, uniform with standard deviation 1.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
-    }
-}
-
 /// Two joints that depend on the same three parameters.
-struct Problem {
+struct TwoJoints {
     rows: Vec<[[f64; 3]; 2]>,
     tau: Vec<[f64; 2]>,
 }
 
-impl Problem {
+impl TwoJoints {
     fn new(rows: usize, sigma: [f64; 2], mut error: impl FnMut(usize, usize) -> f64) -> Self {
         let mut problem = Self { rows: Vec::new(), tau: Vec::new() };
         for i in 0..rows {
@@ -52,7 +43,7 @@ impl Problem {
     }
 }
 
-impl RowSource for Problem {
+impl RowSource for TwoJoints {
     fn columns(&self) -> usize {
         3
     }
@@ -71,7 +62,7 @@ impl RowSource for Problem {
 #[test]
 fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
     let mut noise = Noise(1);
-    let problem = Problem::new(4000, [0.1, 2.0], |_, _| noise.next());
+    let problem = TwoJoints::new(4000, [0.1, 2.0], |_, _| noise.uniform());
     let found = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
     assert!(found.settled);
     // The scatter of a standard deviation from 4000 rows is 1 %.
@@ -98,7 +89,8 @@ fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
 #[test]
 fn huber_shrugs_off_outliers_that_pull_least_squares_away() {
     let mut noise = Noise(2);
-    let problem = Problem::new(2000, [0.2, 0.2], |i, _| noise.next() + if i % 20 == 0 { 60.0 } else { 0.0 });
+    let problem =
+        TwoJoints::new(2000, [0.2, 0.2], |i, _| noise.uniform() + if i % 20 == 0 { 60.0 } else { 0.0 });
     let least_squares = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
     let robust = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
     let worst = |theta: &[f64]| {
@@ -113,7 +105,7 @@ fn huber_shrugs_off_outliers_that_pull_least_squares_away() {
 #[test]
 fn without_outliers_huber_is_nearly_least_squares() {
     let mut noise = Noise(3);
-    let problem = Problem::new(2000, [0.2, 0.4], |_, _| noise.next());
+    let problem = TwoJoints::new(2000, [0.2, 0.4], |_, _| noise.uniform());
     let plain = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
     let robust = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
     for k in 0..3 {
@@ -124,15 +116,15 @@ fn without_outliers_huber_is_nearly_least_squares() {
 #[test]
 fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_noise() {
     let mut noise = Noise(4);
-    let white = Problem::new(8000, [0.5, 0.5], |_, _| noise.next());
+    let white = TwoJoints::new(8000, [0.5, 0.5], |_, _| noise.uniform());
     let mut slow = [0.0; 2];
     let mut noise = Noise(5);
-    let red = Problem::new(8000, [0.5, 0.5], |_, j| {
-        slow[j] = 0.98 * slow[j] + (1.0_f64 - 0.98 * 0.98).sqrt() * noise.next();
+    let red = TwoJoints::new(8000, [0.5, 0.5], |_, j| {
+        slow[j] = 0.98 * slow[j] + (1.0_f64 - 0.98 * 0.98).sqrt() * noise.uniform();
         slow[j]
     });
     let rule = WeightRule::equal(2);
-    let ratio = |problem: &Problem| {
+    let ratio = |problem: &TwoJoints| {
         let solution =
             joined(&joint_factors(problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
         let clustered = clustered(problem, &solution.theta, &rule).expect("a covariance");
@@ -157,7 +149,7 @@ fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_n
 #[test]
 fn clustered_errors_are_those_of_the_whole_matrix() {
     let mut noise = Noise(6);
-    let problem = Problem::new(200, [0.5, 0.2], |_, _| noise.next());
+    let problem = TwoJoints::new(200, [0.5, 0.2], |_, _| noise.uniform());
     let rule = WeightRule { sigma: vec![0.4, 0.3], huber: None };
     let w = Mat::from_fn(400, 3, |i, k| problem.rows[i / 2][i % 2][k] / rule.sigma[i % 2]);
     let tau = Mat::from_fn(400, 1, |i, _| problem.tau[i / 2][i % 2] / rule.sigma[i % 2]);
@@ -199,11 +191,11 @@ fn leverage_does_not_swell_the_errors() {
     let (mut squares, mut stated) = (0.0, 0.0);
     for seed in 0..problems {
         let mut noise = Noise(700 + seed);
-        let mut problem = Problem::new(400, [0.5, 0.5], |_, _| 0.0);
+        let mut problem = TwoJoints::new(400, [0.5, 0.5], |_, _| 0.0);
         for (row, (w, tau)) in problem.rows.iter_mut().zip(&mut problem.tau).enumerate() {
             for j in 0..2 {
                 w[j][2] = if (200..240).contains(&row) { 1.0 } else { 0.0 };
-                tau[j] = (0..3).map(|k| w[j][k] * TRUTH[k]).sum::<f64>() + 0.5 * noise.next();
+                tau[j] = (0..3).map(|k| w[j][k] * TRUTH[k]).sum::<f64>() + 0.5 * noise.uniform();
             }
         }
         let rule = WeightRule::equal(2);
@@ -225,8 +217,8 @@ fn noise_that_takes_back_what_it_gave_counts_little() {
     for seed in 0..20 {
         let mut noise = Noise(300 + seed);
         let mut before = [0.0; 2];
-        let problem = Problem::new(2000, [0.5, 0.5], |_, j| {
-            let fresh = noise.next();
+        let problem = TwoJoints::new(2000, [0.5, 0.5], |_, j| {
+            let fresh = noise.uniform();
             fresh - std::mem::replace(&mut before[j], fresh)
         });
         let rule = WeightRule::equal(2);
@@ -252,8 +244,8 @@ fn stated_errors_of_a_robust_estimate_are_its_scatter() {
     for seed in 0..problems {
         let mut noise = Noise(100 + seed);
         // sums of uniform numbers are close enough to normal for a scale by the median
-        let mut normal = || (0..6).map(|_| noise.next()).sum::<f64>() / 6_f64.sqrt();
-        let problem = Problem::new(500, [0.5, 0.2], |_, _| normal());
+        let mut normal = || (0..6).map(|_| noise.uniform()).sum::<f64>() / 6_f64.sqrt();
+        let problem = TwoJoints::new(500, [0.5, 0.2], |_, _| normal());
         let found = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
         let errors = clustered(&problem, &found.solution.theta, &found.rule);
         let errors = errors.expect("a covariance");
@@ -284,11 +276,11 @@ fn three_parameters() -> Vec<ParameterId> {
 }
 
 /// Noise that is slow in one joint only.
-fn half_slow(seed: u64, sigma: [f64; 2]) -> Problem {
+fn half_slow(seed: u64, sigma: [f64; 2]) -> TwoJoints {
     let mut noise = Noise(seed);
     let mut slow = 0.0;
-    Problem::new(4000, sigma, |_, j| {
-        let fresh = noise.next();
+    TwoJoints::new(4000, sigma, |_, j| {
+        let fresh = noise.uniform();
         slow = if j == 1 { 0.9 * slow + (1.0_f64 - 0.81).sqrt() * fresh } else { slow };
         if j == 1 { slow } else { fresh }
     })
@@ -339,7 +331,7 @@ fn probed(robot: &Robot, base: &BaseParameters, sigma: f64) -> Vec<TriangularFac
             for k in 0..b {
                 rows[j][(index, k)] = block[k * n + j];
             }
-            rows[j][(index, b)] = tau[j] + sigma * noise.next();
+            rows[j][(index, b)] = tau[j] + sigma * noise.uniform();
         }
     }
     let factor = |rows: &Mat<f64>| {
@@ -428,17 +420,13 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
 /// Two columns of two joints. The first joint's rows show both, with noise `coarse`; the second's show only their sum,
 /// with noise `fine`.
 fn coarse_and_fine(coarse: f64, fine: f64, truth: [f64; 2]) -> Vec<TriangularFactor> {
-    let mut state = 7_u64;
-    let mut white = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-    };
+    let mut white = Noise(7);
     let mut factor = |sees: &dyn Fn(usize) -> [f64; 2], noise: f64| {
         let mut rows = faer::Mat::<f64>::zeros(400, 3);
         for i in 0..400 {
             let [a, b] = sees(i);
             (rows[(i, 0)], rows[(i, 1)]) = (a, b);
-            rows[(i, 2)] = a * truth[0] + b * truth[1] + noise * white();
+            rows[(i, 2)] = a * truth[0] + b * truth[1] + noise * (white.even() - 0.5);
         }
         let mut factor = TriangularFactor::new(2);
         factor.fold(rows.as_ref());

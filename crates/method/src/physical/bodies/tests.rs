@@ -13,28 +13,13 @@ use crate::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use crate::physical::fit::{NOISE_FLOOR, PhysicalFit, physical_fit};
 use crate::physical::pseudo_inertia::POSITIVE;
 use crate::physical::uniform_bodies::{BodySource, uniform_bodies};
-use armwatch_config::parse_robot;
 use armwatch_model::robot::{CouplingTerm, FrictionTerm, ParameterId, ParameterKind, Robot, Transform};
 use armwatch_testing::arms::any_arm;
-use armwatch_testing::er3a;
+use armwatch_testing::noise::Noise;
+use armwatch_testing::{er3a, tx40};
 
 /// Largest effect of the assumption on torques without noise, as a share of the stated noise.
 const PULL: f64 = 0.05;
-
-/// Deterministic noise, uniform with standard deviation 1.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
-    }
-}
-
-fn tx40() -> Robot {
-    let text = include_str!("../../../../../config/robots/tx40.toml");
-    parse_robot("tx40.toml", text).unwrap_or_else(|errors| panic!("{errors}"))
-}
 
 /// True parameters in natural order: cylinders of another density, displaced and rotated, with friction, motors and
 /// couplings of usual size.
@@ -76,7 +61,7 @@ fn probed(robot: &Robot, base: &BaseParameters, phi: &[f64], sigma: f64) -> Vec<
     }
     let factor = |rows: &mut Mat<f64>| {
         let rms = rows.col(b).norm_l2() / (PROBE_STATES as f64).sqrt();
-        (0..PROBE_STATES).for_each(|i| rows[(i, b)] += sigma * rms * noise.next());
+        (0..PROBE_STATES).for_each(|i| rows[(i, b)] += sigma * rms * noise.uniform());
         let mut factor = TriangularFactor::new(b);
         factor.fold(rows.as_ref());
         factor

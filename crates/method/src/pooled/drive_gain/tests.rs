@@ -13,6 +13,7 @@ use armwatch_model::analysis::Motion;
 use armwatch_model::robot::{JointIndex, Robot, StandardParameters};
 use armwatch_model::run::Stage;
 use armwatch_testing::er3a;
+use armwatch_testing::noise::Noise;
 
 /// Rounding of the factors over the squared new share of the load's column.
 const EXACT: f64 = 1e-7;
@@ -116,14 +117,10 @@ impl Bench {
     }
 }
 
-/// Approximately normal numbers from a fixed sequence, as sums of twelve uniform ones.
+/// Approximately normal numbers from a fixed sequence.
 fn normal(seed: u64) -> impl FnMut() -> f64 {
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let mut even = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 53) as f64
-    };
-    move || (0..12).map(|_| even()).sum::<f64>() - 6.0
+    let mut noise = Noise(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
+    move || noise.normal()
 }
 
 const SCALE: [f64; 6] = [1.1, 0.8, 1.0, -0.9, 1.25, 0.95];

@@ -14,6 +14,7 @@ use crate::pooled::pool::PooledFactors;
 use armwatch_model::analysis::Motion;
 use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind};
 use armwatch_model::run::Stage;
+use armwatch_testing::noise::Noise;
 
 /// Tolerance for the rounding of a QR of some thousand rows, times the condition of the problem.
 const EQUAL: f64 = 1e-9;
@@ -35,28 +36,13 @@ fn kept() -> [ParameterId; 5] {
 /// Columns of each joint among all: the first joint does not depend on the second one's friction.
 const PLACES: [&[usize]; 2] = [&[0, 1, 2, 3], &[2, 3, 4]];
 
-/// Deterministic noise, uniform with standard deviation 1.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
-    }
-
-    /// Approximately normal number, as a sum of twelve.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() / 12_f64.sqrt()
-    }
-}
-
 /// Cycles of equal length; `tau[cycle][row][joint]`.
-struct Test {
+struct StackedCycles {
     rows: usize,
     tau: Vec<Vec<[f64; 2]>>,
 }
 
-impl Test {
+impl StackedCycles {
     /// Creates cycles with the error `error(cycle, row, joint)`, in units of the joint's noise.
     fn new(cycles: usize, rows: usize, mut error: impl FnMut(usize, usize, usize) -> f64) -> Self {
         let mut row = |c: usize, i: usize| {
@@ -71,7 +57,7 @@ impl Test {
     /// Creates cycles with white noise.
     fn plain(cycles: usize, rows: usize, seed: u64) -> Self {
         let mut noise = Noise(seed);
-        Self::new(cycles, rows, |_, _, _| noise.next())
+        Self::new(cycles, rows, |_, _, _| noise.uniform())
     }
 
     fn union_of(&self, cycles: impl Iterator<Item = usize>) -> PooledFactors {
@@ -134,7 +120,7 @@ fn entries(c: usize, i: usize, j: usize) -> [f64; 5] {
     }
 }
 
-impl RowSource for Test {
+impl RowSource for StackedCycles {
     fn columns(&self) -> usize {
         5
     }
@@ -170,7 +156,7 @@ fn assert_equal(found: &[f64], expected: &[f64]) {
 
 #[test]
 fn ordinary_and_weighted_are_the_dense_solutions_of_the_rows() {
-    let test = Test::plain(3, 400, 1);
+    let test = StackedCycles::plain(3, 400, 1);
     let union = test.union();
     let ordinary = estimate(&union, &StackedEstimator::Ordinary).expect("parameters");
     assert_equal(&values(&ordinary), &test.raw(|_, _| 1.0, &[]));
@@ -188,7 +174,7 @@ fn ordinary_and_weighted_are_the_dense_solutions_of_the_rows() {
 
 #[test]
 fn each_joint_alone_is_the_dense_solution_of_its_rows() {
-    let test = Test::plain(2, 400, 2);
+    let test = StackedCycles::plain(2, 400, 2);
     for (joint, view) in per_joint_estimates(&test.union()) {
         let (j, view) = (joint.index(), view.expect("a view"));
         let (places, b) = (PLACES[j], PLACES[j].len());
@@ -215,9 +201,9 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
     let mut noise = Noise(4);
     // an error of whole cycles, so that none is repeated
     let mut slow = 0.0;
-    let test = Test::new(9, 100, |_, i, _| {
-        slow = if i == 0 { 2.0 * noise.next() } else { slow };
-        slow + noise.next()
+    let test = StackedCycles::new(9, 100, |_, i, _| {
+        slow = if i == 0 { 2.0 * noise.uniform() } else { slow };
+        slow + noise.uniform()
     });
     for estimator in [StackedEstimator::Ordinary, StackedEstimator::Weighted] {
         let whole = estimate(&test.union(), &estimator).expect("parameters");
@@ -233,7 +219,7 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
 
 #[test]
 fn a_prior_is_further_rows_and_its_share_is_said() {
-    let test = Test::plain(3, 200, 5);
+    let test = StackedCycles::plain(3, 200, 5);
     let id = test.union().columns().kept()[2];
     let priors = vec![(id, ParameterPrior { value: 0.7, std: 0.02 })];
     let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
@@ -248,7 +234,7 @@ fn a_prior_is_further_rows_and_its_share_is_said() {
 
 #[test]
 fn a_prior_carries_what_the_motion_does_not_show() {
-    let mut test = Test::plain(8, 200, 6);
+    let mut test = StackedCycles::plain(8, 200, 6);
     // without rows of the second joint, its friction is not visible
     test.tau.iter_mut().flatten().for_each(|tau| tau[1] = 0.0);
     let columns = test.union().columns().clone();
@@ -278,7 +264,8 @@ fn a_prior_carries_what_the_motion_does_not_show() {
 #[test]
 fn a_cycle_with_a_collision_loses_its_weight() {
     let mut noise = Noise(7);
-    let test = Test::new(9, 200, |c, i, _| noise.next() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
+    let test =
+        StackedCycles::new(9, 200, |c, i, _| noise.uniform() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
     let union = test.union();
     let robust = estimate(&union, &StackedEstimator::Huber).expect("parameters");
     let plain = estimate(&union, &StackedEstimator::Weighted).expect("parameters");
@@ -304,7 +291,8 @@ fn a_cycle_with_a_collision_loses_its_weight() {
 fn a_parameter_that_is_nothing_is_not_essential() {
     let mut noise = Noise(8);
     // the torque does not contain the third parameter
-    let test = Test::new(10, 200, |c, i, j| noise.next() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
+    let test =
+        StackedCycles::new(10, 200, |c, i, j| noise.uniform() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
     let found = estimate_essential(&test.union(), &StackedEstimator::Weighted, &EssentialSettings::default());
     let found = found.expect("parameters");
     let report = found.essential.clone().expect("a report");
@@ -327,7 +315,7 @@ fn coverage(cycles: usize, repeats: u64, estimator: &StackedEstimator) -> f64 {
         let mut noise = Noise(1000 + 7919 * seed);
         let mut state = [0.0; 2];
         let mut slow = [0.0; 2];
-        let test = Test::new(cycles, 60, |_, i, j| {
+        let test = StackedCycles::new(cycles, 60, |_, i, j| {
             if i == 0 {
                 state[j] = noise.normal();
                 slow[j] = noise.normal();

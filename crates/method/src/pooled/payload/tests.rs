@@ -22,13 +22,13 @@ const CUTOFF_HZ: f64 = 12.0;
 /// Largest relative error of a random gain.
 const BOUND: f64 = 0.12;
 
-struct Bench {
+struct PayloadBench {
     method: Method,
     columns: FactorColumns,
     settings: SimulationSettings,
 }
 
-impl Bench {
+impl PayloadBench {
     fn new(robot: Robot) -> Self {
         let method = Method::new(robot, AnalysisSettings::default()).expect("a described arm");
         let columns = FactorColumns::new(&method.robot, &method.base);
@@ -113,7 +113,7 @@ enum Gains {
 /// Shares of the intervals of mass, centre and inertia that contain the truth, and the mean half width of the mass as a part
 /// of it.
 fn coverage(draws: u64, gains: Gains) -> [f64; 4] {
-    let bench = Bench::new(er3a());
+    let bench = PayloadBench::new(er3a());
     let mut held = [0.0; 4];
     for draw in 0..draws {
         let mut rng = ChaCha8Rng::seed_from_u64(draw);
@@ -164,7 +164,7 @@ fn intervals_of_500_drawn_loads_contain_at_least_nineteen_of_twenty() {
 fn a_load_is_found_in_the_tool_frame() {
     let mut robot = er3a();
     robot.tool = Transform::from_xyz_rpy([0.02, 0.0, 0.11], [0.4, -0.7, 1.1]);
-    let bench = Bench::new(robot);
+    let bench = PayloadBench::new(robot);
     let load = Load {
         mass: 2.0,
         centre: Vector3::new(0.05, -0.02, 0.08),
@@ -183,7 +183,7 @@ fn a_load_is_found_in_the_tool_frame() {
 
 #[test]
 fn gains_that_differ_by_more_than_is_stated_widen_the_interval() {
-    let bench = Bench::new(er3a());
+    let bench = PayloadBench::new(er3a());
     let load = Load { mass: 3.0, centre: Vector3::new(0.02, 0.0, 0.06), inertia: Matrix3::zeros() };
     let gains = [1.0, 0.8, 1.2, 1.0, 1.0, 1.0];
     let mut cycles = bench.recorded(0, None, &gains);
@@ -195,7 +195,7 @@ fn gains_that_differ_by_more_than_is_stated_widen_the_interval() {
 
 #[test]
 fn without_a_load_the_mass_is_about_zero_and_nothing_else_is_shown() {
-    let bench = Bench::new(er3a());
+    let bench = PayloadBench::new(er3a());
     let mut cycles = bench.recorded(0, None, &[1.0; 6]);
     let again = bench.recorded(1, None, &[1.0; 6]);
     cycles.extend(again.into_iter().map(|cycle| RecordedCycle { loaded: true, ..cycle }));

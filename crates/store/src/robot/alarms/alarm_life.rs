@@ -6,7 +6,7 @@ use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life};
 use super::anomalies::{AnomalyEvent, Person, record};
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::windows;
@@ -187,9 +187,6 @@ pub struct SeriesRun {
 
 impl Store {
     /// Stores a person's comment on an anomaly in any state. Returns the event.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn comment_on_anomaly(
         &self,
         anomaly_id: i64,
@@ -200,9 +197,6 @@ impl Store {
     }
 
     /// Assigns an anomaly to a person, or with `None` to no one, and stores who did that.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn assign_anomaly(
         &self,
         anomaly_id: i64,
@@ -230,9 +224,6 @@ impl Store {
 
     /// Applies `action` to all of these anomalies, or to none if it is impossible for one of them, and stores who did
     /// it and why.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn act_on_anomalies(
         &self,
         ids: &[i64],
@@ -252,9 +243,6 @@ impl Store {
     /// Opens shelved anomalies whose time ended before `clock`, and those in maintenance that a run after the
     /// maintenance shows or whose window has ended. Puts open ones whose window has begun into maintenance. Returns the
     /// events.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn end_shelving(&self, clock: Timestamp) -> Result<Vec<AnomalyEvent>, StoreError> {
         // readers do not wait for writers, and usually there is nothing to do
         let shelved = self.checked(shelved_before(&self.readers, clock).await)?;
@@ -272,17 +260,11 @@ impl Store {
     }
 
     /// Events of an anomaly, in order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn anomaly_history(&self, anomaly_id: i64) -> Result<Vec<AnomalyHistoryRow>, StoreError> {
         self.checked(history(&self.readers, Some(anomaly_id), (0, i64::MAX)).await)
     }
 
     /// These events, in order of time.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn anomaly_events(
         &self,
         events: &[AnomalyEvent],
@@ -296,9 +278,6 @@ impl Store {
     }
 
     /// Results of a robot's joints in its complete tests, by start and joint.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn evidence(&self, robot: &str) -> Result<Vec<SeriesRun>, StoreError> {
         self.checked(evidence(&self.readers, robot).await)
     }
@@ -309,7 +288,7 @@ async fn act(
     ids: &[i64],
     action: AlarmAction,
     by: Person<'_>,
-) -> Result<Result<Vec<AnomalyEvent>, NotDone>, sqlx::Error> {
+) -> sqlx::Result<Result<Vec<AnomalyEvent>, NotDone>> {
     let mut events = Vec::new();
     for &anomaly_id in ids {
         let Some(known) = find(&mut *connection, anomaly_id).await? else {
@@ -349,7 +328,7 @@ async fn note(
     what: EventKind,
     by: Person<'_>,
     assignee: Option<Option<&str>>,
-) -> Result<Result<AnomalyEvent, NotDone>, sqlx::Error> {
+) -> sqlx::Result<Result<AnomalyEvent, NotDone>> {
     match find(&mut *connection, anomaly_id).await? {
         None => return Ok(Err(NotDone::Unknown(anomaly_id))),
         Some(known) if known.withdrawn => return Ok(Err(NotDone::Withdrawn(anomaly_id))),
@@ -357,8 +336,7 @@ async fn note(
     }
     if let Some(assignee) = assignee {
         sqlx::query("UPDATE anomaly SET assignee = $1 WHERE anomaly_id = $2")
-            .bind(assignee)
-            .bind(anomaly_id)
+            .bind_all((assignee, anomaly_id))
             .execute(&mut *connection)
             .await?;
     }
@@ -373,10 +351,7 @@ struct KnownAnomaly {
     last_seen_at: Timestamp,
 }
 
-async fn find(
-    executor: impl EngineExecutor<'_>,
-    anomaly_id: i64,
-) -> Result<Option<KnownAnomaly>, sqlx::Error> {
+async fn find(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> sqlx::Result<Option<KnownAnomaly>> {
     sqlx::query("SELECT state, ended, withdrawn, severity, last_seen_at FROM anomaly WHERE anomaly_id = $1")
         .bind(anomaly_id)
         .try_map(|row: EngineRow| {
@@ -392,28 +367,18 @@ async fn find(
         .await
 }
 
-async fn set_life(
-    executor: impl EngineExecutor<'_>,
-    anomaly_id: i64,
-    life: &Life,
-) -> Result<(), sqlx::Error> {
+async fn set_life(executor: impl EngineExecutor<'_>, anomaly_id: i64, life: &Life) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE anomaly SET state = $1, shelved_until = $2, resolved_seen_at = $3 WHERE anomaly_id = $4",
     )
-    .bind(life.state.name())
-    .bind(life.shelved_until.map(Timestamp::as_microsecond))
-    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
-    .bind(anomaly_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((life.state.name(), life.shelved_until.map(Timestamp::as_microsecond)))
+    .bind_all((life.resolved_seen_at.map(Timestamp::as_microsecond), anomaly_id))
+    .run(executor)
+    .await
 }
 
 /// Shelved anomalies whose time has ended.
-async fn shelved_before(
-    executor: impl EngineExecutor<'_>,
-    clock: Timestamp,
-) -> Result<Vec<i64>, sqlx::Error> {
+async fn shelved_before(executor: impl EngineExecutor<'_>, clock: Timestamp) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT anomaly_id FROM anomaly
          WHERE state = 'shelved' AND shelved_until <= $1 AND NOT withdrawn
@@ -427,7 +392,7 @@ async fn shelved_before(
 async fn end_shelving(
     connection: &mut EngineConnection,
     clock: Timestamp,
-) -> Result<Vec<AnomalyEvent>, sqlx::Error> {
+) -> sqlx::Result<Vec<AnomalyEvent>> {
     let mut events = Vec::new();
     for anomaly_id in shelved_before(&mut *connection, clock).await? {
         set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
@@ -444,7 +409,7 @@ async fn end_shelving(
 
 /// Anomalies in maintenance that a run shows which began with the latest maintenance of their place or after it. The
 /// robot's conclusion must already include that maintenance, which ends most of them.
-async fn shown_after_work(executor: impl EngineExecutor<'_>) -> Result<Vec<i64>, sqlx::Error> {
+async fn shown_after_work(executor: impl EngineExecutor<'_>) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
          FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
@@ -466,7 +431,7 @@ pub(in crate::robot) async fn maintain(
     connection: &mut EngineConnection,
     anomaly_id: i64,
     by: Person<'_>,
-) -> Result<AnomalyEvent, sqlx::Error> {
+) -> sqlx::Result<AnomalyEvent> {
     let action = AlarmAction::Maintain;
     set_life(&mut *connection, anomaly_id, &Life::of(action.state())).await?;
     record(connection, anomaly_id, action.event(), Some(by)).await
@@ -478,7 +443,7 @@ pub(in crate::robot) async fn maintain_until(
     anomaly_id: i64,
     until: Timestamp,
     by: Person<'_>,
-) -> Result<AnomalyEvent, sqlx::Error> {
+) -> sqlx::Result<AnomalyEvent> {
     let life = Life { shelved_until: Some(until), ..Life::of(AlarmState::Maintenance) };
     set_life(&mut *connection, anomaly_id, &life).await?;
     record(connection, anomaly_id, EventKind::Maintenance, Some(by)).await
@@ -488,7 +453,7 @@ pub(in crate::robot) async fn maintain_until(
 pub(in crate::robot) async fn open_again(
     connection: &mut EngineConnection,
     anomaly_id: i64,
-) -> Result<Option<AnomalyEvent>, sqlx::Error> {
+) -> sqlx::Result<Option<AnomalyEvent>> {
     set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
     let known = find(&mut *connection, anomaly_id).await?;
     match known {
@@ -504,7 +469,7 @@ async fn history(
     executor: impl EngineExecutor<'_>,
     anomaly_id: Option<i64>,
     (after, last): (i64, i64),
-) -> Result<Vec<AnomalyHistoryRow>, sqlx::Error> {
+) -> sqlx::Result<Vec<AnomalyHistoryRow>> {
     sqlx::query(
         "SELECT anomaly_event_id, anomaly_id, robot, joint, kind, at, what, severity, score, value, message, who, why,
                 run_id, quantity
@@ -512,15 +477,13 @@ async fn history(
          WHERE anomaly_id = coalesce($1, anomaly_id) AND anomaly_event_id > $2 AND anomaly_event_id <= $3
          ORDER BY anomaly_event_id",
     )
-    .bind(anomaly_id)
-    .bind(after)
-    .bind(last)
+    .bind_all((anomaly_id, after, last))
     .try_map(|row: EngineRow| history_row(&row))
     .fetch_all(executor)
     .await
 }
 
-fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
+fn history_row(row: &EngineRow) -> sqlx::Result<AnomalyHistoryRow> {
     let of_joint: Option<i64> = row.try_get("joint")?;
     let quantity = named(row, "quantity", &Quantity::ALL, Quantity::name)?;
     Ok(AnomalyHistoryRow {
@@ -543,7 +506,7 @@ fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
     })
 }
 
-async fn evidence(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<SeriesRun>, sqlx::Error> {
+async fn evidence(executor: impl EngineExecutor<'_>, robot: &str) -> sqlx::Result<Vec<SeriesRun>> {
     sqlx::query(
         "SELECT run.run_id, run.started_at, summary.joint, summary.warm_friction_nm, summary.relative_rmsd,
                 summary.rmsd_swing, friction_index.friction_index, friction_index.friction_index_std_error

@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row};
 
 use super::alarm_state::{AlarmState, Announcement, Before, EventKind, Life, Now, go_on};
 use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, is_told_of_arm, same};
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::robot::{settled as settled_history, windows};
 use crate::values::{count, finite, joint_number, known_time, named};
 use armwatch_model::anomaly::quantity::Quantity;
@@ -99,7 +99,7 @@ pub(crate) async fn reconcile(
     findings: &Findings,
     settled: &[(i64, &[Anomaly])],
     clock: Timestamp,
-) -> Result<Reconciled, sqlx::Error> {
+) -> sqlx::Result<Reconciled> {
     let stored = stored_anomalies(&mut *connection, robot_id).await?;
     let starts = run_starts(&mut *connection, robot_id, &stored).await?;
     let episodes: Vec<Episode> = stored.iter().map(|of| of.episode.clone()).collect();
@@ -167,7 +167,7 @@ pub(in crate::robot) fn episode(of: &Anomaly) -> Episode {
 pub(in crate::robot) async fn stored_anomalies(
     connection: &mut EngineConnection,
     robot_id: i64,
-) -> Result<Vec<StoredAnomaly>, sqlx::Error> {
+) -> sqlx::Result<Vec<StoredAnomaly>> {
     let mut said = told(&mut *connection, robot_id).await?;
     sqlx::query(
         "SELECT anomaly_id, joint, anomaly.kind, quantity, severity, score, first_seen_at, last_seen_at, onset_at, state,
@@ -234,7 +234,7 @@ type ShelvedAnnouncement = (Option<Announcement>, Option<Severity>);
 async fn told(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
-) -> Result<HashMap<i64, ShelvedAnnouncement>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, ShelvedAnnouncement>> {
     let rows: Vec<(i64, EventKind, Announcement)> = sqlx::query(
         "SELECT anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.severity, anomaly_event.score
          FROM anomaly_event JOIN anomaly USING (anomaly_id)
@@ -265,7 +265,7 @@ async fn told(
     Ok(said)
 }
 
-fn shown(row: &EngineRow) -> Result<Announcement, sqlx::Error> {
+fn shown(row: &EngineRow) -> sqlx::Result<Announcement> {
     let score: Option<f64> = row.try_get("score")?;
     Ok(Announcement {
         severity: named(row, "severity", &Severity::ALL, Severity::name)?,
@@ -279,7 +279,7 @@ pub(in crate::robot) async fn run_starts(
     connection: &mut EngineConnection,
     robot_id: i64,
     stored: &[StoredAnomaly],
-) -> Result<Starts, sqlx::Error> {
+) -> sqlx::Result<Starts> {
     let mut starts = Starts::default();
     for of in stored.iter().filter(|of| !of.episode.ended) {
         for kind in [RunKind::Test, RunKind::Production] {
@@ -302,7 +302,7 @@ async fn starts_behind(
     robot_id: i64,
     kind: RunKind,
     to: i64,
-) -> Result<Vec<i64>, sqlx::Error> {
+) -> sqlx::Result<Vec<i64>> {
     // each kind has a separate index
     let statement = match kind {
         RunKind::Test => {
@@ -332,7 +332,7 @@ pub(in crate::robot) async fn record(
     anomaly_id: i64,
     what: EventKind,
     by: Option<Person<'_>>,
-) -> Result<AnomalyEvent, sqlx::Error> {
+) -> sqlx::Result<AnomalyEvent> {
     let (who, why) = (by.map(|person| person.who), by.and_then(|person| person.why));
     write_event(executor, anomaly_id, what, who, why).await
 }
@@ -343,7 +343,7 @@ async fn record_because(
     anomaly_id: i64,
     what: EventKind,
     why: Option<&str>,
-) -> Result<AnomalyEvent, sqlx::Error> {
+) -> sqlx::Result<AnomalyEvent> {
     write_event(executor, anomaly_id, what, None, why).await
 }
 
@@ -353,7 +353,7 @@ async fn write_event(
     what: EventKind,
     who: Option<&str>,
     why: Option<&str>,
-) -> Result<AnomalyEvent, sqlx::Error> {
+) -> sqlx::Result<AnomalyEvent> {
     let anomaly_event_id = sqlx::query_scalar(
         "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, quantity, message, run_id, who, why)
          SELECT anomaly_id, $2, severity, score, value, quantity, message, last_run_id, $3, $4
@@ -361,10 +361,7 @@ async fn write_event(
          WHERE anomaly_id = $1
          RETURNING anomaly_event_id",
     )
-    .bind(anomaly_id)
-    .bind(what.name())
-    .bind(who)
-    .bind(why)
+    .bind_all((anomaly_id, what.name(), who, why))
     .fetch_one(executor)
     .await?;
     Ok(AnomalyEvent { anomaly_event_id, anomaly_id, what })
@@ -377,21 +374,15 @@ pub(in crate::robot) async fn insert_anomaly(
     anomaly: &Anomaly,
     state: AlarmState,
     open_run_id: Option<i64>,
-) -> Result<i64, sqlx::Error> {
+) -> sqlx::Result<i64> {
     let anomaly_id: i64 = sqlx::query_scalar(
         "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, first_seen_at, last_seen_at, state, message)
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
          RETURNING anomaly_id",
     )
-    .bind(robot_id)
-    .bind(anomaly.joint.map(joint_number))
-    .bind(anomaly.kind.name())
-    .bind(anomaly.quantity.name())
-    .bind(anomaly.severity.name())
-    .bind(anomaly.first_seen_at.as_microsecond())
-    .bind(anomaly.last_seen_at.as_microsecond())
-    .bind(state.name())
-    .bind(&anomaly.message)
+    .bind_all((robot_id, anomaly.joint.map(joint_number), anomaly.kind.name(), anomaly.quantity.name()))
+    .bind_all((anomaly.severity.name(), anomaly.first_seen_at.as_microsecond()))
+    .bind_all((anomaly.last_seen_at.as_microsecond(), state.name(), &anomaly.message))
     .fetch_one(&mut *connection)
     .await?;
     update_anomaly(connection, anomaly_id, anomaly, &Life::of(state), open_run_id).await?;
@@ -405,7 +396,7 @@ pub(in crate::robot) async fn update_anomaly(
     anomaly: &Anomaly,
     life: &Life,
     open_run_id: Option<i64>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE anomaly
          SET kind = $1, quantity = $2, severity = $3, score = $4, threshold = $5, value = $6, baseline = $7, peak_value = $8,
@@ -414,35 +405,17 @@ pub(in crate::robot) async fn update_anomaly(
              state = $22, shelved_until = $23, resolved_seen_at = $24, withdrawn = FALSE, open_run_id = $25
          WHERE anomaly_id = $26",
     )
-    .bind(anomaly.kind.name())
-    .bind(anomaly.quantity.name())
-    .bind(anomaly.severity.name())
-    .bind(finite(anomaly.score))
-    .bind(finite(anomaly.threshold))
-    .bind(finite(anomaly.value))
-    .bind(finite(anomaly.baseline))
-    .bind(finite(anomaly.peak_value))
-    .bind(finite(anomaly.peak_score))
-    .bind(anomaly.first_run_id)
-    .bind(anomaly.first_cycle)
-    .bind(anomaly.last_run_id)
-    .bind(anomaly.first_seen_at.as_microsecond())
-    .bind(anomaly.last_seen_at.as_microsecond())
-    .bind(anomaly.onset.run_id)
-    .bind(anomaly.onset.cycle)
-    .bind(anomaly.onset.at.as_microsecond())
-    .bind(anomaly.odds.and_then(finite))
-    .bind(alternatives(&anomaly.alternatives))
-    .bind(&anomaly.message)
-    .bind(anomaly.ended)
-    .bind(life.state.name())
+    .bind_all((anomaly.kind.name(), anomaly.quantity.name(), anomaly.severity.name(), finite(anomaly.score)))
+    .bind_all((finite(anomaly.threshold), finite(anomaly.value), finite(anomaly.baseline)))
+    .bind_all((finite(anomaly.peak_value), finite(anomaly.peak_score), anomaly.first_run_id))
+    .bind_all((anomaly.first_cycle, anomaly.last_run_id, anomaly.first_seen_at.as_microsecond()))
+    .bind_all((anomaly.last_seen_at.as_microsecond(), anomaly.onset.run_id, anomaly.onset.cycle))
+    .bind_all((anomaly.onset.at.as_microsecond(), anomaly.odds.and_then(finite)))
+    .bind_all((alternatives(&anomaly.alternatives), &anomaly.message, anomaly.ended, life.state.name()))
     .bind(life.shelved_until.map(Timestamp::as_microsecond))
-    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
-    .bind(open_run_id)
-    .bind(anomaly_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((life.resolved_seen_at.map(Timestamp::as_microsecond), open_run_id, anomaly_id))
+    .run(executor)
+    .await
 }
 
 /// Rejected causes as a JSON array.
@@ -451,19 +424,18 @@ fn alternatives(rejected: &[Alternative]) -> String {
     serde_json::Value::from_iter(rejected.iter().map(one)).to_string()
 }
 
-async fn withdraw_anomaly(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {
+async fn withdraw_anomaly(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> sqlx::Result<()> {
     sqlx::query("UPDATE anomaly SET withdrawn = TRUE WHERE anomaly_id = $1")
         .bind(anomaly_id)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .run(executor)
+        .await
 }
 
 async fn replace_health(
     connection: &mut EngineConnection,
     robot_id: i64,
     health: &[JointHealth],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM joint_health WHERE robot_id = $1")
         .bind(robot_id)
         .execute(&mut *connection)
@@ -477,25 +449,19 @@ async fn replace_health(
                                   critical_by, critical_by_lower, critical_by_upper) ",
     )
     .push_values(health, |mut row, joint| {
-        row.push_bind(robot_id)
-            .push_bind(joint_number(joint.joint))
-            .push_bind(joint.friction_index.and_then(finite))
-            .push_bind(joint.friction_quantity.map(Quantity::name))
-            .push_bind(joint.knowledge.name())
-            .push_bind(joint.reason.as_deref())
-            .push_bind(joint.last_result_run_id)
+        row.bind_all((robot_id, joint_number(joint.joint), joint.friction_index.and_then(finite)))
+            .bind_all((joint.friction_quantity.map(Quantity::name), joint.knowledge.name()))
+            .bind_all((joint.reason.as_deref(), joint.last_result_run_id))
             .push_bind(joint.forecast.map(|forecast| forecast.trend.name()));
         let limits = joint.forecast.map(|forecast| [forecast.warning_at, forecast.critical_at]);
         for crossing in limits.unwrap_or_default() {
-            row.push_bind(crossing.map(|of| of.by.to_string()))
-                .push_bind(crossing.map(|of| of.lower.to_string()))
+            row.bind_all((crossing.map(|of| of.by.to_string()), crossing.map(|of| of.lower.to_string())))
                 .push_bind(crossing.and_then(|of| of.upper).map(|upper| upper.to_string()));
         }
     })
     .build()
-    .execute(connection)
-    .await?;
-    Ok(())
+    .run(connection)
+    .await
 }
 
 /// Stores when the next test is expected. A changed time, as a new test brings, ends the robot's overdue state.
@@ -503,16 +469,14 @@ async fn set_expected_by(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     expected_by: Option<Timestamp>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE robot SET expected_by = $1, overdue = overdue AND expected_by IS NOT DISTINCT FROM $1
          WHERE robot_id = $2",
     )
-    .bind(expected_by.map(as_text))
-    .bind(robot_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((expected_by.map(as_text), robot_id))
+    .run(executor)
+    .await
 }
 
 /// A time as the views show it, always with milliseconds, so that the order of texts is the order of times.

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::Row;
 
 use super::anomalies::as_text;
-use crate::engine::EngineRow;
+use crate::engine::{Bind, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::size;
@@ -33,9 +33,6 @@ pub struct OverdueRobot {
 
 impl Store {
     /// Outcome of run `run_id`; `None` if it is not complete.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn run_result(&self, run_id: i64) -> Result<Option<RunResult>, StoreError> {
         let found = sqlx::query(
             "SELECT cycles_stored,
@@ -73,16 +70,12 @@ impl Store {
 
     /// Stores that a test of this robot arrived in time, seen from `now`: from then on the robot can become overdue. A
     /// test older than the robot's usual interval is a copy of old files and does not count.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn watch_for_tests(&self, robot: &str, now: Timestamp) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let done = sqlx::query(
             "UPDATE robot SET watched = TRUE WHERE name = $1 AND NOT watched AND expected_by >= $2",
         )
-        .bind(robot)
-        .bind(as_text(now))
+        .bind_all((robot, as_text(now)))
         .execute(&mut *transaction)
         .await;
         self.checked(done)?;
@@ -90,11 +83,8 @@ impl Store {
     }
 
     /// Marks robots as overdue whose next test should have begun before `now`. Returns the newly marked ones, by name.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn mark_overdue(&self, now: Timestamp) -> Result<Vec<OverdueRobot>, StoreError> {
-        let due: Result<Vec<(i64, String, String)>, sqlx::Error> = sqlx::query_as(
+        let due: sqlx::Result<Vec<(i64, String, String)>> = sqlx::query_as(
             "SELECT robot_id, name, expected_by FROM robot
              WHERE watched AND NOT overdue AND expected_by < $1
              ORDER BY name",
@@ -109,8 +99,7 @@ impl Store {
             let done = sqlx::query(
                 "UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2 AND NOT overdue",
             )
-            .bind(robot_id)
-            .bind(&expected_by)
+            .bind_all((robot_id, &expected_by))
             .execute(&mut *transaction)
             .await;
             let is_marked = self.checked(done)?.rows_affected() > 0;

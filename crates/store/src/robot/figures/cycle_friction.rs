@@ -15,7 +15,7 @@ use armwatch_model::robot::{ParameterId, ParameterKind};
 pub(in crate::robot) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<CycleSeries>, sqlx::Error> {
+) -> sqlx::Result<Vec<CycleSeries>> {
     sqlx::query(
         "SELECT cycle.number AS cycle, level.joint, level.minute, level.ln_torque, level.offset_nm, level.levels,
                 level.speed_fraction
@@ -57,7 +57,7 @@ pub(in crate::robot) struct MeanParameter {
 pub(in crate::robot) struct Inertial(HashMap<i64, (ParameterId, Vec<(f64, ParameterId)>)>);
 
 /// Reads the meaning of the inertial parameters of all descriptions.
-pub(in crate::robot) async fn inertial(executor: impl EngineExecutor<'_>) -> Result<Inertial, sqlx::Error> {
+pub(in crate::robot) async fn inertial(executor: impl EngineExecutor<'_>) -> sqlx::Result<Inertial> {
     let rows = sqlx::query("SELECT model_parameter_id, joint, name, grouping FROM model_parameter")
         .try_map(|row: EngineRow| {
             let grouping: Option<String> = row.try_get("grouping")?;

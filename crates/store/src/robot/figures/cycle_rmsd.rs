@@ -8,10 +8,7 @@ use armwatch_model::analysis::measurements::CycleRmsd;
 
 /// The moving relative RMSD of every cycle of a run that counts, in the order of cycles and joints; the run may be
 /// incomplete.
-pub(crate) async fn of_run(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<Vec<CycleRmsd>, sqlx::Error> {
+pub(crate) async fn of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Vec<CycleRmsd>> {
     sqlx::query(
         "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
          FROM cycle
@@ -27,7 +24,7 @@ pub(crate) async fn of_run(
 }
 
 /// A row with the columns `cycle`, `joint` and `moving_relative_rmsd`.
-pub(in crate::robot) fn of_row(row: &EngineRow) -> Result<CycleRmsd, sqlx::Error> {
+pub(in crate::robot) fn of_row(row: &EngineRow) -> sqlx::Result<CycleRmsd> {
     Ok(CycleRmsd {
         cycle: size(row, "cycle")?,
         joint: joint(row, "joint")?,

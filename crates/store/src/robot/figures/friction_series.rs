@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 
 use super::packed::{packed, unpacked};
-use crate::engine::{EngineConnection, EngineExecutor};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, Run};
 use armwatch_model::analysis::FrictionPoint;
 
 /// Friction points used by fits over the tests of a robot.
@@ -47,7 +47,7 @@ pub(in crate::robot) async fn of_robot(
     robot_id: i64,
     speed_fraction: f64,
     method: u64,
-) -> Result<HashMap<i64, Vec<FrictionPoint>>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, Vec<FrictionPoint>>> {
     let rows: Vec<(i64, Vec<u8>)> = sqlx::query_as(
         "SELECT run.run_id, series.numbers
          FROM run_friction_series AS series
@@ -55,9 +55,7 @@ pub(in crate::robot) async fn of_robot(
          WHERE run.run_id = series.run_id AND run.revision = series.revision
                AND series.robot_id = $1 AND series.speed_fraction = $2 AND series.method = $3",
     )
-    .bind(robot_id)
-    .bind(speed_fraction)
-    .bind(method.cast_signed())
+    .bind_all((robot_id, speed_fraction, method.cast_signed()))
     .fetch_all(executor)
     .await?;
     Ok(rows.into_iter().filter_map(|(run_id, bytes)| Some((run_id, unpacked(&bytes)?))).collect())
@@ -70,7 +68,7 @@ pub(in crate::robot) async fn keep(
     robot_id: i64,
     history: &FrictionSeries,
     method: u64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let stored: Vec<(i64, f64)> =
         sqlx::query_as("SELECT run_id, speed_fraction FROM run_friction_series WHERE robot_id = $1")
             .bind(robot_id)
@@ -89,11 +87,7 @@ pub(in crate::robot) async fn keep(
             "INSERT INTO run_friction_series (robot_id, run_id, speed_fraction, revision, method, numbers)
              SELECT $1, run_id, $3, $4, $5, $6 FROM run WHERE run_id = $2 AND robot_id = $1",
         )
-        .bind(robot_id)
-        .bind(test.run_id)
-        .bind(history.speed_fraction)
-        .bind(test.revision)
-        .bind(method.cast_signed())
+        .bind_all((robot_id, test.run_id, history.speed_fraction, test.revision, method.cast_signed()))
         .bind(packed(&test.points)?)
         .execute(&mut *connection)
         .await?;
@@ -101,15 +95,9 @@ pub(in crate::robot) async fn keep(
     Ok(())
 }
 
-async fn remove(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    speed_fraction: f64,
-) -> Result<(), sqlx::Error> {
+async fn remove(executor: impl EngineExecutor<'_>, run_id: i64, speed_fraction: f64) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM run_friction_series WHERE run_id = $1 AND speed_fraction = $2")
-        .bind(run_id)
-        .bind(speed_fraction)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((run_id, speed_fraction))
+        .run(executor)
+        .await
 }

@@ -29,7 +29,7 @@ impl SummaryRow {
 pub(in crate::robot) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<Vec<SummaryRow>, sqlx::Error> {
+) -> sqlx::Result<Vec<SummaryRow>> {
     sqlx::query(
         "SELECT summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm, summary.warm_minute,
                 summary.warm_speed_fraction, summary.excitation_friction_nm,
@@ -51,7 +51,7 @@ pub(in crate::robot) async fn of_run(
 }
 
 /// Reads the columns of a summary and of its friction index.
-pub(in crate::robot) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Error> {
+pub(in crate::robot) fn of_row(row: &EngineRow) -> sqlx::Result<JointSummary> {
     let warm = ["warm_friction_nm", "warm_friction_std_error_nm", "warm_minute", "warm_speed_fraction"];
     let excitation = [
         "excitation_friction_nm",
@@ -78,14 +78,14 @@ pub(in crate::robot) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Er
     })
 }
 
-fn estimate(row: &EngineRow, value: &str, std_error: &str) -> Result<Option<Estimate>, sqlx::Error> {
+fn estimate(row: &EngineRow, value: &str, std_error: &str) -> sqlx::Result<Option<Estimate>> {
     let std_error: Option<f64> = row.try_get(std_error)?;
     let value: Option<f64> = row.try_get(value)?;
     Ok(value.map(|value| Estimate { value, std_error: std_error.unwrap_or(f64::NAN) }))
 }
 
 /// Reads friction of a run: columns of torque, standard error, minute and speed.
-fn warm_friction(row: &EngineRow, columns: [&str; 4]) -> Result<Option<WarmFriction>, sqlx::Error> {
+fn warm_friction(row: &EngineRow, columns: [&str; 4]) -> sqlx::Result<Option<WarmFriction>> {
     let [torque, std_error, minute, speed_fraction] =
         columns.map(|column| row.try_get::<Option<f64>, _>(column));
     Ok(match (torque?, std_error?, minute?, speed_fraction?) {

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// The bytes of a value.
-pub(in crate::robot) fn packed(value: &impl Serialize) -> Result<Vec<u8>, sqlx::Error> {
+pub(in crate::robot) fn packed(value: &impl Serialize) -> sqlx::Result<Vec<u8>> {
     postcard::to_stdvec(value).map_err(|error| sqlx::Error::Encode(error.into()))
 }
 

@@ -11,7 +11,7 @@ use super::cycle_friction::{self, MeanParameter};
 use super::cycle_rmsd;
 use super::joint_summary::{self, SummaryRow};
 use super::packed::packed;
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::values::size;
 use armwatch_model::analysis::measurements::CycleRmsd;
 use armwatch_model::anomaly::CycleSeries;
@@ -35,26 +35,23 @@ pub(in crate::robot) async fn store(
     run_id: i64,
     figures: &TestFigures,
     method: u64,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "INSERT INTO run_summary (run_id, revision, method, numbers)
          SELECT run_id, revision, $2, $3 FROM run WHERE run_id = $1
          ON CONFLICT (run_id) DO UPDATE
          SET revision = excluded.revision, method = excluded.method, numbers = excluded.numbers",
     )
-    .bind(run_id)
-    .bind(method.cast_signed())
-    .bind(packed(figures)?)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((run_id, method.cast_signed(), packed(figures)?))
+    .run(executor)
+    .await
 }
 
 /// The values of a test, read from the tables.
 pub(in crate::robot) async fn of_run(
     connection: &mut EngineConnection,
     run_id: i64,
-) -> Result<TestFigures, sqlx::Error> {
+) -> sqlx::Result<TestFigures> {
     Ok(TestFigures {
         joints: joint_summary::of_run(&mut *connection, run_id).await?,
         friction: cycle_friction::of_run(&mut *connection, run_id).await?,
@@ -63,10 +60,7 @@ pub(in crate::robot) async fn of_run(
     })
 }
 
-async fn parameters(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<Vec<MeanParameter>, sqlx::Error> {
+async fn parameters(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Vec<MeanParameter>> {
     sqlx::query(
         // one cycle has no scatter
         "SELECT model_parameter_id, mean, cycles,

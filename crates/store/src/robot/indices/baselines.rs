@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
 use super::friction;
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::temperatures;
@@ -129,9 +129,6 @@ pub struct FrictionConclusion {
 
 impl Store {
     /// Motion of a run and, on request, its friction.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_run(&self, test: &FrictionTest, with_points: bool) -> Result<MapRun, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(friction_run(&mut connection, test, with_points).await)
@@ -164,9 +161,6 @@ pub struct BaselineChange {
 
 impl Store {
     /// The baselines in force of a robot, by joint and epoch.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn baselines(&self, robot: &str) -> Result<Vec<BaselineRow>, StoreError> {
         let rows = sqlx::query(
             "SELECT joint, epoch, cause, started_at FROM baselines
@@ -197,9 +191,6 @@ impl Store {
     }
 
     /// All baselines of a robot that were ever formed, in that order.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn baseline_changes(&self, robot: &str) -> Result<Vec<BaselineChange>, StoreError> {
         let rows = sqlx::query(
             "SELECT joint, epoch, replaced_because FROM baseline_changes
@@ -221,9 +212,6 @@ impl Store {
 
 impl ConclusionTransaction {
     /// Stores the present friction of the robot. Returns the baselines that were replaced.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn replace_friction(
         &mut self,
         found: &FrictionConclusion,
@@ -234,7 +222,7 @@ impl ConclusionTransaction {
 }
 
 /// Reads the column `basis`; `None` also for one of another length, which is invalid.
-pub(in crate::robot) fn basis(row: &EngineRow) -> Result<Option<IndexBasis>, sqlx::Error> {
+pub(in crate::robot) fn basis(row: &EngineRow) -> sqlx::Result<Option<IndexBasis>> {
     let stored: Option<&[u8]> = row.try_get("basis")?;
     Ok(stored.and_then(|bytes| bytes.try_into().ok()))
 }
@@ -242,7 +230,7 @@ pub(in crate::robot) fn basis(row: &EngineRow) -> Result<Option<IndexBasis>, sql
 pub(in crate::robot) async fn in_force(
     connection: &mut EngineConnection,
     robot_id: i64,
-) -> Result<Vec<StoredBaseline>, sqlx::Error> {
+) -> sqlx::Result<Vec<StoredBaseline>> {
     let mut found = sqlx::query(
         "SELECT friction_baseline_id, joint, epoch, basis FROM friction_baseline
          WHERE robot_id = $1 AND replaced_at IS NULL
@@ -275,7 +263,7 @@ async fn friction_run(
     connection: &mut EngineConnection,
     test: &FrictionTest,
     with_points: bool,
-) -> Result<MapRun, sqlx::Error> {
+) -> sqlx::Result<MapRun> {
     let started_at = test.moment.started_at.as_microsecond();
     let temperatures = temperatures::of_run(&mut *connection, test.run_id).await?;
     let spans = friction::motion(&mut *connection, test.run_id, started_at, temperatures).await?;
@@ -291,7 +279,7 @@ async fn replace(
     connection: &mut EngineConnection,
     robot_id: i64,
     found: &FrictionConclusion,
-) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
+) -> sqlx::Result<Vec<ReplacedBaseline>> {
     let mut replaced = Vec::new();
     if found.is_whole {
         replaced = replace_baselines(&mut *connection, robot_id, found).await?;
@@ -309,8 +297,7 @@ async fn replace(
          WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2)) AND robot_id = $1 AND kind = 'test'
                AND status = 'complete'",
     )
-    .bind(robot_id)
-    .bind(json_list(&found.indices.iter().map(|of| of.run_id).collect::<Vec<i64>>()))
+    .bind_all((robot_id, json_list(&found.indices.iter().map(|of| of.run_id).collect::<Vec<i64>>())))
     .fetch_all(&mut *connection)
     .await?
     .into_iter()
@@ -328,17 +315,15 @@ async fn replace_basis(
     connection: &mut EngineConnection,
     run_id: i64,
     basis: Option<IndexBasis>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM run_friction WHERE run_id = $1").bind(run_id).execute(&mut *connection).await?;
     sqlx::query("INSERT INTO run_friction (run_id, basis) VALUES ($1, $2)")
-        .bind(run_id)
-        .bind(basis.as_ref().map(|basis| &basis[..]))
-        .execute(connection)
-        .await?;
-    Ok(())
+        .bind_all((run_id, basis.as_ref().map(|basis| &basis[..])))
+        .run(connection)
+        .await
 }
 
-async fn replace_points(connection: &mut EngineConnection, of: &NewIndices) -> Result<(), sqlx::Error> {
+async fn replace_points(connection: &mut EngineConnection, of: &NewIndices) -> sqlx::Result<()> {
     sqlx::query("DELETE FROM run_friction_points WHERE run_id = $1")
         .bind(of.run_id)
         .execute(&mut *connection)
@@ -359,7 +344,7 @@ async fn replace_baselines(
     connection: &mut EngineConnection,
     robot_id: i64,
     found: &FrictionConclusion,
-) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
+) -> sqlx::Result<Vec<ReplacedBaseline>> {
     let stored = in_force(&mut *connection, robot_id).await?;
     let is_same = |old: &StoredBaseline, new: &NewBaseline| (old.joint, old.basis) == (new.joint, new.basis);
     let mut replaced = Vec::new();
@@ -372,8 +357,7 @@ async fn replace_baselines(
     sqlx::query(
         "UPDATE friction_baseline SET epoch = epoch + $1 WHERE robot_id = $2 AND replaced_at IS NULL",
     )
-    .bind(MOST_EPOCHS)
-    .bind(robot_id)
+    .bind_all((MOST_EPOCHS, robot_id))
     .execute(&mut *connection)
     .await?;
     for new in &found.baselines {
@@ -421,17 +405,15 @@ async fn end_baseline(
     executor: impl EngineExecutor<'_>,
     friction_baseline_id: i64,
     because: &str,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE friction_baseline
          SET replaced_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT), replaced_because = $1
          WHERE friction_baseline_id = $2",
     )
-    .bind(because)
-    .bind(friction_baseline_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((because, friction_baseline_id))
+    .run(executor)
+    .await
 }
 
 fn maintenance_id(cause: EpochCause) -> Option<i64> {
@@ -445,26 +427,21 @@ async fn update_baseline(
     executor: impl EngineExecutor<'_>,
     friction_baseline_id: i64,
     new: &NewBaseline,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE friction_baseline SET epoch = $1, cause = $2, maintenance_id = $3, begins_at = $4
          WHERE friction_baseline_id = $5",
     )
-    .bind(new.epoch)
-    .bind(new.cause.name())
-    .bind(maintenance_id(new.cause))
-    .bind(new.begins_at)
-    .bind(friction_baseline_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((new.epoch, new.cause.name(), maintenance_id(new.cause), new.begins_at, friction_baseline_id))
+    .run(executor)
+    .await
 }
 
 async fn insert_baseline(
     connection: &mut EngineConnection,
     robot_id: i64,
     new: &NewBaseline,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let (levels, remark) = new.formed.as_ref().map_or((None, None), |(levels, remark)| {
         ((!levels.is_empty()).then(|| as_json(levels)), remark.as_deref())
     });
@@ -474,15 +451,8 @@ async fn insert_baseline(
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
          RETURNING friction_baseline_id",
     )
-    .bind(robot_id)
-    .bind(joint_number(new.joint))
-    .bind(new.epoch)
-    .bind(new.cause.name())
-    .bind(maintenance_id(new.cause))
-    .bind(new.begins_at)
-    .bind(&new.basis[..])
-    .bind(levels)
-    .bind(remark)
+    .bind_all((robot_id, joint_number(new.joint), new.epoch, new.cause.name(), maintenance_id(new.cause)))
+    .bind_all((new.begins_at, &new.basis[..], levels, remark))
     .fetch_one(&mut *connection)
     .await?;
     for rows in new.run_ids.chunks(ROWS_PER_STATEMENT) {

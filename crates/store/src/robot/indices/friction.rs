@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow, begin_reading};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::figures::friction_series::{self, FrictionSeries, TestPoints};
@@ -38,9 +38,6 @@ pub struct CycleSpeedFits {
 impl Store {
     /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first. In a long history
     /// only the first dozen and the latest two dozen runs are used. Times count from the start of each point's own run.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_history(
         &self,
         robot_id: i64,
@@ -52,25 +49,16 @@ impl Store {
     }
 
     /// Friction indices of the complete runs of a robot, by joint, oldest run first.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
         self.checked(indices(&self.readers, robot).await)
     }
 
     /// Source of the thermal state of each joint of a robot that has a friction map, by joint.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn thermal_sources(&self, robot: &str) -> Result<Vec<ThermalSourceRow>, StoreError> {
         self.checked(thermal_sources(&self.readers, robot).await)
     }
 
     /// Reads cut-off and sample rate, Hz, of each cycle of a run that has both, by number of the cycle.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn cutoffs_and_rates(&self, run_id: i64) -> Result<HashMap<u32, [f64; 2]>, StoreError> {
         self.checked(cutoffs_and_rates(&self.readers, run_id).await)
     }
@@ -83,7 +71,7 @@ pub(crate) async fn friction_history(
     robot_id: i64,
     speed_fraction: f64,
     method: u64,
-) -> Result<FrictionSeries, sqlx::Error> {
+) -> sqlx::Result<FrictionSeries> {
     let mut series = friction_series::of_robot(&mut *connection, robot_id, speed_fraction, method).await?;
     let mut tests = Vec::new();
     for (run_id, _, revision) in first_and_latest_runs(&mut *connection, robot_id).await? {
@@ -102,7 +90,7 @@ pub(crate) async fn friction_history(
 async fn first_and_latest_runs(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
-) -> Result<Vec<(i64, i64, i64)>, sqlx::Error> {
+) -> sqlx::Result<Vec<(i64, i64, i64)>> {
     sqlx::query_as(
         "SELECT run_id, started_at, revision FROM (
              SELECT run_id, started_at, revision FROM run
@@ -115,9 +103,7 @@ async fn first_and_latest_runs(
              ORDER BY started_at DESC, run_id DESC LIMIT $3) AS latest
          ORDER BY started_at, run_id",
     )
-    .bind(robot_id)
-    .bind(FIRST_RUNS)
-    .bind(LATEST_RUNS)
+    .bind_all((robot_id, FIRST_RUNS, LATEST_RUNS))
     .fetch_all(executor)
     .await
 }
@@ -129,7 +115,7 @@ pub(in crate::robot) async fn motion(
     run_id: i64,
     run_started_at: i64,
     mut temperatures: HashMap<i64, CycleTemperatures>,
-) -> Result<Vec<CycleMotion>, sqlx::Error> {
+) -> sqlx::Result<Vec<CycleMotion>> {
     sqlx::query(
         "SELECT cycle_id, started_at, duration_s, mean_speeds_rad_s FROM cycle
          WHERE run_id = $1 ORDER BY started_at",
@@ -151,7 +137,7 @@ pub(in crate::robot) async fn motion(
 async fn cutoffs_and_rates(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<HashMap<u32, [f64; 2]>, sqlx::Error> {
+) -> sqlx::Result<HashMap<u32, [f64; 2]>> {
     let rows = sqlx::query(
         "SELECT number, sample_rate_hz, cutoff_hz FROM cycle
          WHERE run_id = $1 AND sample_rate_hz > 0 AND cutoff_hz > 0",
@@ -184,10 +170,7 @@ pub struct IndexRow {
 }
 
 /// Indices of a robot's complete runs, by joint, oldest run first.
-pub(crate) async fn indices(
-    executor: impl EngineExecutor<'_>,
-    robot: &str,
-) -> Result<Vec<IndexRow>, sqlx::Error> {
+pub(crate) async fn indices(executor: impl EngineExecutor<'_>, robot: &str) -> sqlx::Result<Vec<IndexRow>> {
     sqlx::query(
         "SELECT run.run_id, run.started_at, joint, friction_index, friction_index_std_error, raw_index, short_run
          FROM run
@@ -230,7 +213,7 @@ pub struct ThermalSourceRow {
 pub(crate) async fn thermal_sources(
     executor: impl EngineExecutor<'_>,
     robot: &str,
-) -> Result<Vec<ThermalSourceRow>, sqlx::Error> {
+) -> sqlx::Result<Vec<ThermalSourceRow>> {
     sqlx::query(
         "SELECT joint, thermal_source, remarks FROM friction_law
          JOIN robot USING (robot_id)
@@ -254,7 +237,7 @@ pub(crate) async fn replace_speed_fits(
     connection: &mut EngineConnection,
     run_id: i64,
     fits: &[CycleSpeedFits],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     delete_speed_fits(&mut *connection, run_id).await?;
     let cycles = cycle_keys(&mut *connection, run_id).await?;
     let mut sides: Vec<SideOfCycle<'_>> = Vec::new();
@@ -294,10 +277,7 @@ impl SideOfCycle<'_> {
 }
 
 /// Keys of a run's cycles by number.
-async fn cycle_keys(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-) -> Result<HashMap<u32, i64>, sqlx::Error> {
+async fn cycle_keys(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<HashMap<u32, i64>> {
     let rows = sqlx::query("SELECT number, cycle_id FROM cycle WHERE run_id = $1")
         .bind(run_id)
         .try_map(|row: EngineRow| Ok((size(&row, "number")?, row.try_get("cycle_id")?)))
@@ -306,36 +286,29 @@ async fn cycle_keys(
     Ok(rows.into_iter().collect())
 }
 
-async fn delete_speed_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn delete_speed_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
     sqlx::query(
         "DELETE FROM friction_speed_fit WHERE cycle_id IN (SELECT cycle_id FROM cycle WHERE run_id = $1)",
     )
     .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Returns the key of each fit by its place.
 async fn insert_speed_fits(
     executor: impl EngineExecutor<'_>,
     sides: &[SideOfCycle<'_>],
-) -> Result<HashMap<(i64, i64, i64), i64>, sqlx::Error> {
+) -> sqlx::Result<HashMap<(i64, i64, i64), i64>> {
     let mut query = QueryBuilder::<Engine>::new(
         "INSERT INTO friction_speed_fit (cycle_id, joint, direction, model, slowest_rad_s, fastest_rad_s, rmsd_nm, \
                                          reduced_chi_square, points, asymmetry_nm, asymmetry_std_error_nm) ",
     );
     query.push_values(sides, |mut row, SideOfCycle { cycle_id, of_joint, fit }| {
         let difference = of_joint.asymmetry.map(|asymmetry| asymmetry.difference);
-        row.push_bind(*cycle_id)
-            .push_bind(joint_number(of_joint.joint))
-            .push_bind(i64::from(fit.direction))
-            .push_bind(fit.model.name())
-            .push_bind(fit.speeds[0])
-            .push_bind(fit.speeds[1])
-            .push_bind(finite(fit.rmsd))
-            .push_bind(fit.reduced_chi_square.and_then(finite))
-            .push_bind(count(fit.points))
+        row.bind_all((*cycle_id, joint_number(of_joint.joint), i64::from(fit.direction)))
+            .bind_all((fit.model.name(), fit.speeds[0], fit.speeds[1], finite(fit.rmsd)))
+            .bind_all((fit.reduced_chi_square.and_then(finite), count(fit.points)))
             .push_bind(difference.and_then(|d| finite(d.value)))
             .push_bind(difference.and_then(|d| finite(d.std_error)));
     });
@@ -354,22 +327,18 @@ async fn insert_speed_fits(
 async fn insert_coefficients(
     executor: impl EngineExecutor<'_>,
     coefficients: &[(i64, SpeedCoefficient)],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO friction_speed_coefficient (friction_speed_fit_id, name, value, std_error, at_bound) ",
     )
     .push_values(coefficients, |mut row, (fit_id, coefficient)| {
         let error = finite(coefficient.estimate.std_error).filter(|_| !coefficient.at_bound);
-        row.push_bind(*fit_id)
-            .push_bind(coefficient.name)
-            .push_bind(finite(coefficient.estimate.value))
-            .push_bind(error)
+        row.bind_all((*fit_id, coefficient.name, finite(coefficient.estimate.value), error))
             .push_bind(coefficient.at_bound);
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 /// Deletes the maps of a robot's joints that are not among `joints`.
@@ -377,7 +346,7 @@ pub(in crate::robot) async fn keep_maps(
     connection: &mut EngineConnection,
     robot_id: i64,
     joints: &HashSet<JointIndex>,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     let stored: Vec<i64> = sqlx::query_scalar("SELECT joint FROM friction_law WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_all(&mut *connection)
@@ -395,7 +364,7 @@ pub(in crate::robot) async fn replace_map(
     robot_id: i64,
     map: &FrictionMap,
     basis: &[u8; 32],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     delete_map(&mut *connection, robot_id, joint_number(map.joint)).await?;
     insert_law(&mut *connection, robot_id, map, basis).await?;
     insert_levels(connection, robot_id, map).await
@@ -406,7 +375,7 @@ pub(in crate::robot) async fn replace_indices(
     connection: &mut EngineConnection,
     run_id: i64,
     indices: &[FrictionIndex],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     delete_indices(&mut *connection, run_id).await?;
     for rows in indices.chunks(ROWS_PER_STATEMENT) {
         insert_indices(&mut *connection, run_id, rows).await?;
@@ -414,19 +383,16 @@ pub(in crate::robot) async fn replace_indices(
     Ok(())
 }
 
-async fn delete_map(executor: impl EngineExecutor<'_>, robot_id: i64, joint: i64) -> Result<(), sqlx::Error> {
+async fn delete_map(executor: impl EngineExecutor<'_>, robot_id: i64, joint: i64) -> sqlx::Result<()> {
     // levels are deleted with their law
     sqlx::query("DELETE FROM friction_law WHERE robot_id = $1 AND joint = $2")
-        .bind(robot_id)
-        .bind(joint)
-        .execute(executor)
-        .await?;
-    Ok(())
+        .bind_all((robot_id, joint))
+        .run(executor)
+        .await
 }
 
-async fn delete_indices(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM run_friction_index WHERE run_id = $1").bind(run_id).execute(executor).await?;
-    Ok(())
+async fn delete_indices(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<()> {
+    sqlx::query("DELETE FROM run_friction_index WHERE run_id = $1").bind(run_id).run(executor).await
 }
 
 async fn insert_law(
@@ -434,7 +400,7 @@ async fn insert_law(
     robot_id: i64,
     map: &FrictionMap,
     basis: &[u8; 32],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     const SECONDS: f64 = 60.0;
     let law = &map.law;
     let remarks = (!map.remarks.is_empty()).then(|| map.remarks.join("\n"));
@@ -454,84 +420,59 @@ async fn insert_law(
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16,
                  $17, $18, $19, $20, $21, $22, $23, $24, $25)",
     )
-    .bind(robot_id)
-    .bind(joint_number(map.joint))
-    .bind(law.slow_s.value / SECONDS)
-    .bind(finite(law.slow_s.std_error / SECONDS))
-    .bind(law.fast_s.value / SECONDS)
-    .bind(finite(law.fast_s.std_error / SECONDS))
-    .bind(law.slow_share.value)
-    .bind(finite(law.slow_share.std_error))
-    .bind(law.cooling_ratio.value)
-    .bind(finite(law.cooling_ratio.std_error))
-    .bind(finite(map.relative_rmsd))
-    .bind(finite(map.explained))
-    .bind(count(map.runs))
-    .bind(count(map.points))
-    .bind(remarks)
-    .bind(json_numbers(&map.covariance))
-    .bind(map.source.name())
-    .bind(motor.and_then(|(warm, ..)| celsius(warm)))
+    .bind_all((robot_id, joint_number(map.joint), law.slow_s.value / SECONDS))
+    .bind_all((finite(law.slow_s.std_error / SECONDS), law.fast_s.value / SECONDS))
+    .bind_all((finite(law.fast_s.std_error / SECONDS), law.slow_share.value))
+    .bind_all((finite(law.slow_share.std_error), law.cooling_ratio.value))
+    .bind_all((finite(law.cooling_ratio.std_error), finite(map.relative_rmsd), finite(map.explained)))
+    .bind_all((count(map.runs), count(map.points), remarks, json_numbers(&map.covariance)))
+    .bind_all((map.source.name(), motor.and_then(|(warm, ..)| celsius(warm))))
     .bind(motor.and_then(|(_, cold, _)| celsius(cold)))
     .bind(motor.and_then(|(.., curvature)| finite(curvature.value)))
     .bind(motor.and_then(|(.., curvature)| finite(curvature.std_error)))
     .bind(hall.and_then(|(usual, _)| celsius(usual)))
     .bind(hall.and_then(|(_, coldness)| finite(coldness.value)))
-    .bind(hall.and_then(|(_, coldness)| finite(coldness.std_error)))
-    .bind(&basis[..])
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((hall.and_then(|(_, coldness)| finite(coldness.std_error)), &basis[..]))
+    .run(executor)
+    .await
 }
 
 async fn insert_levels(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     map: &FrictionMap,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO friction_level (robot_id, joint, speed_fraction, warm_nm, warm_std_error_nm, cold_nm,
                                      cold_std_error_nm) ",
     )
     .push_values(&map.levels, |mut row, level| {
-        row.push_bind(robot_id)
-            .push_bind(joint_number(map.joint))
-            .push_bind(level.speed_fraction)
-            .push_bind(finite(level.warm.value))
-            .push_bind(finite(level.warm.std_error))
-            .push_bind(finite(level.cold.value))
+        row.bind_all((robot_id, joint_number(map.joint), level.speed_fraction, finite(level.warm.value)))
+            .bind_all((finite(level.warm.std_error), finite(level.cold.value)))
             .push_bind(finite(level.cold.std_error));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }
 
 async fn insert_indices(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     rows: &[FrictionIndex],
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO run_friction_index (run_id, joint, friction_index, friction_index_std_error, ambient_coldness,
                                          ambient_coldness_std_error, coldness_at_start, points, raw_index,
                                          short_run) ",
     )
     .push_values(rows, |mut row, found| {
-        row.push_bind(run_id)
-            .push_bind(joint_number(found.joint))
-            .push_bind(finite(found.index.value))
-            .push_bind(finite(found.index.std_error))
-            .push_bind(finite(found.ambient.value))
-            .push_bind(finite(found.ambient.std_error))
-            .push_bind(finite(found.coldness_at_start))
-            .push_bind(count(found.points))
-            .push_bind(finite(found.raw))
-            .push_bind(found.short);
+        row.bind_all((run_id, joint_number(found.joint), finite(found.index.value)))
+            .bind_all((finite(found.index.std_error), finite(found.ambient.value)))
+            .bind_all((finite(found.ambient.std_error), finite(found.coldness_at_start)))
+            .bind_all((count(found.points), finite(found.raw), found.short));
     })
     .build()
-    .execute(executor)
-    .await?;
-    Ok(())
+    .run(executor)
+    .await
 }

@@ -7,7 +7,7 @@
 use super::baseline_plan::known::KnownPlan;
 use super::baselines::FrictionTests;
 use super::known_friction;
-use crate::engine::EngineExecutor;
+use crate::engine::{Bind, EngineExecutor};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::conclude::ConclusionTransaction;
@@ -17,9 +17,6 @@ use crate::values::count;
 impl Store {
     /// Data for comparing the next tests of a robot, with baselines of `baseline_runs` tests; `None` if all tests have
     /// to be read.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_plan(
         &self,
         robot_id: i64,
@@ -31,9 +28,7 @@ impl Store {
                 "SELECT friction_plan.numbers FROM friction_plan JOIN robot USING (robot_id)
                  WHERE robot_id = $1 AND revision = past_revision AND baseline_runs = $2 AND method = $3",
             )
-            .bind(robot_id)
-            .bind(count(baseline_runs))
-            .bind(method.cast_signed())
+            .bind_all((robot_id, count(baseline_runs), method.cast_signed()))
             .fetch_optional(&self.readers)
             .await,
         )?;
@@ -41,9 +36,6 @@ impl Store {
     }
 
     /// Data of the tests of a plan, of the tests that it remembers, and of all later ones.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_tests_of(
         &self,
         robot_id: i64,
@@ -59,9 +51,6 @@ impl Store {
 impl ConclusionTransaction {
     /// Stores the data for comparing the next tests, replacing earlier ones. Does so only if the history is still the
     /// one that they were computed from.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn keep_friction_plan(
         &mut self,
         plan: &KnownPlan,
@@ -76,10 +65,7 @@ impl ConclusionTransaction {
              SET revision = excluded.revision, baseline_runs = excluded.baseline_runs, method = excluded.method,
                  numbers = excluded.numbers",
         )
-        .bind(self.robot_id)
-        .bind(count(baseline_runs))
-        .bind(method.cast_signed())
-        .bind(numbers)
+        .bind_all((self.robot_id, count(baseline_runs), method.cast_signed(), numbers))
         .execute(&mut *self.transaction)
         .await;
         self.checked(result)?;
@@ -87,18 +73,13 @@ impl ConclusionTransaction {
     }
 }
 
-async fn behind(
-    executor: impl EngineExecutor<'_>,
-    robot_id: i64,
-    from: i64,
-) -> Result<Vec<i64>, sqlx::Error> {
+async fn behind(executor: impl EngineExecutor<'_>, robot_id: i64, from: i64) -> sqlx::Result<Vec<i64>> {
     sqlx::query_scalar(
         "SELECT run_id FROM run
          WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND started_at >= $2
          ORDER BY started_at, run_id",
     )
-    .bind(robot_id)
-    .bind(from)
+    .bind_all((robot_id, from))
     .fetch_all(executor)
     .await
 }

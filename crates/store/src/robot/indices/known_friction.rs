@@ -15,16 +15,13 @@ use armwatch_model::robot::JointIndex;
 
 impl Store {
     /// Data of a robot's complete tests for their friction indices.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn friction_tests(&self, robot_id: i64) -> Result<FrictionTests, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(of_robot(&mut connection, robot_id).await)
     }
 }
 
-async fn of_robot(connection: &mut EngineConnection, robot_id: i64) -> Result<FrictionTests, sqlx::Error> {
+async fn of_robot(connection: &mut EngineConnection, robot_id: i64) -> sqlx::Result<FrictionTests> {
     let moments = maintenance::test_moments(&mut *connection, robot_id).await?;
     of_moments(connection, robot_id, moments).await
 }
@@ -34,7 +31,7 @@ pub(in crate::robot) async fn of_keys(
     connection: &mut EngineConnection,
     robot_id: i64,
     keys: &[i64],
-) -> Result<FrictionTests, sqlx::Error> {
+) -> sqlx::Result<FrictionTests> {
     let moments = maintenance::moments_of(&mut *connection, robot_id, keys).await?;
     of_moments(connection, robot_id, moments).await
 }
@@ -43,7 +40,7 @@ async fn of_moments(
     connection: &mut EngineConnection,
     robot_id: i64,
     moments: Vec<(i64, TestMoment<DescriptionKey>)>,
-) -> Result<FrictionTests, sqlx::Error> {
+) -> sqlx::Result<FrictionTests> {
     let keys: Vec<i64> = moments.iter().map(|(run_id, _)| *run_id).collect();
     let mut points = points_by_run(&mut *connection, &keys).await?;
     let test = |(run_id, moment): (i64, TestMoment<DescriptionKey>)| {
@@ -69,7 +66,7 @@ type KnownPoints = (Option<IndexBasis>, Vec<(JointIndex, usize)>);
 async fn points_by_run(
     connection: &mut EngineConnection,
     keys: &[i64],
-) -> Result<HashMap<i64, KnownPoints>, sqlx::Error> {
+) -> sqlx::Result<HashMap<i64, KnownPoints>> {
     // one row per test: `joint points joint points ...`
     let rows = sqlx::query(
         "SELECT run.run_id, run_friction.run_id IS NOT NULL AS is_known, run_friction.basis,
@@ -94,7 +91,7 @@ async fn points_by_run(
 }
 
 /// Reads `joint points joint points ...`, by joint.
-fn points_by_joint(text: &str) -> Result<Vec<(JointIndex, usize)>, sqlx::Error> {
+fn points_by_joint(text: &str) -> sqlx::Result<Vec<(JointIndex, usize)>> {
     let unknown = || sqlx::Error::Decode(format!("friction points of joints: {text}").into());
     let words: Vec<&str> = text.split_whitespace().collect();
     let pair = |pair: &[&str]| {

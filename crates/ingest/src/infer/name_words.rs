@@ -1,48 +1,48 @@
 //! Words in the names of columns, from people and vendors, in lower case, separated by blanks: English, German, French,
 //! Italian, Spanish, Chinese.
 
-use super::names::Kind;
+use super::names::ColumnKind;
 
 /// Words for the quantity of a column. The first group with a word in a name decides, so groups with a narrower meaning
 /// come first.
-pub(super) const KINDS: &[(Kind, &str)] = &[
+pub(super) const KINDS: &[(ColumnKind, &str)] = &[
     (
-        Kind::Other("of the tool and not of a joint"),
+        ColumnKind::Other("of the tool and not of a joint"),
         "tcp tool eef ee flange cartesian cart pose wrench werkzeug flansch outil utensile herramienta 工具 末端",
     ),
     (
-        Kind::Other("an acceleration, which is derived from velocity"),
+        ColumnKind::Other("an acceleration, which is derived from velocity"),
         "acc accel acceleration qdd ddq beschleunigung accélération accelerazione aceleración 加速度",
     ),
-    (Kind::Temperature, "temp tmp temperature temperatur température temperatura 温度 室温 温升"),
+    (ColumnKind::Temperature, "temp tmp temperature temperatur température temperatura 温度 室温 温升"),
     (
-        Kind::Torque,
+        ColumnKind::Torque,
         "trq torque tau drehmoment moment couple coppia par momento effort mtrq tq torq 力矩 扭矩 转矩 eff torques \
         efforts tauj jtq",
     ),
     (
-        Kind::Current,
+        ColumnKind::Current,
         "current strom cur curr courant corrente corriente amps iq isq 电流 currents amperage intensité corrientes",
     ),
     (
-        Kind::Velocity,
+        ColumnKind::Velocity,
         "vel velocity speed qd dq qdot geschwindigkeit geschw drehzahl vitesse velocità velocita velocidad \
         omega mvel spd 速度 转速 velocities vels speeds",
     ),
-    (Kind::Stage, "stage phase etappe étape etape fase etapa abschnitt 阶段"),
-    (Kind::Cycle, "cycle cycles zyklus zyklen ciclo wiederholung iteration 循环 周期"),
-    (Kind::FrictionLevel, "level stufe niveau livello nivel 等级 级别"),
+    (ColumnKind::Stage, "stage phase etappe étape etape fase etapa abschnitt 阶段"),
+    (ColumnKind::Cycle, "cycle cycles zyklus zyklen ciclo wiederholung iteration 循环 周期"),
+    (ColumnKind::FrictionLevel, "level stufe niveau livello nivel 等级 级别"),
     (
-        Kind::Position,
+        ColumnKind::Position,
         "pos position posn q angle winkel angolo ángulo angulo posizione posición posicion lage lageist theta \
         mpos istwert ist ang encoder 位置 角度 关节角 positions angles jointpos",
     ),
     (
-        Kind::Time,
+        ColumnKind::Time,
         "time t zeit timestamp temps tempo tiempo zeitstempel ts clock ticks tick uhrzeit datum date 时间 时间戳 \
         timestamps",
     ),
-    (Kind::FrictionJoint, "joint axis achse gelenk axe asse eje articulation 关节 轴 joints achs"),
+    (ColumnKind::FrictionJoint, "joint axis achse gelenk axe asse eje articulation 关节 轴 joints achs"),
 ];
 
 /// Words for a value that no sensor measured: it was commanded, calculated or permitted, or is a part of a measured

@@ -14,7 +14,7 @@ use super::alarms::anomalies::{
 use super::alarms::episodes::{Episode, goes_on, is_another_fault, same};
 use super::conclude::ConclusionTransaction;
 use super::{maintenance, settled};
-use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{finite, size, time};
@@ -43,18 +43,12 @@ pub struct OpenTest {
 
 impl Store {
     /// The test of this key while it is being written; `None` if it is no test, or no longer open.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn open_test(&self, run_id: i64) -> Result<Option<OpenTest>, StoreError> {
         self.checked(open_test(&self.readers, run_id).await)
     }
 
     /// Ordinals of the epochs of the first `joints` joints that an open test belongs to; see
     /// [`RunSummary::epochs`](armwatch_model::anomaly::RunSummary::epochs).
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn open_test_epochs(&self, test: &OpenTest, joints: usize) -> Result<Vec<u32>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         let (robot_id, run_id) = (test.robot_id, test.run_id);
@@ -70,9 +64,6 @@ impl ConclusionTransaction {
     /// no longer open: then the complete test decides.
     ///
     /// A finding that continues an anomaly of the robot's complete tests is announced only if it is worse by a step.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
     pub async fn reconcile_open(
         &mut self,
         test: &OpenTest,
@@ -83,7 +74,7 @@ impl ConclusionTransaction {
     }
 }
 
-async fn open_test(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<OpenTest>, sqlx::Error> {
+async fn open_test(executor: impl EngineExecutor<'_>, run_id: i64) -> sqlx::Result<Option<OpenTest>> {
     sqlx::query(
         "SELECT run.run_id, run.robot_id, robot.name AS robot, run.started_at, run.cycles_stored, robot.history,
                 robot.history = robot.concluded AS is_concluded,
@@ -115,7 +106,7 @@ async fn reconcile_open(
     test: &OpenTest,
     findings: &[Anomaly],
     clock: Timestamp,
-) -> Result<Option<Reconciled>, sqlx::Error> {
+) -> sqlx::Result<Option<Reconciled>> {
     let run_id = test.run_id;
     if open_test(&mut *connection, run_id).await?.is_none() {
         return Ok(None);
@@ -176,7 +167,7 @@ async fn show_worse(
     anomaly_id: i64,
     anomaly: &Anomaly,
     life: &Life,
-) -> Result<(), sqlx::Error> {
+) -> sqlx::Result<()> {
     sqlx::query(
         "UPDATE anomaly
          SET severity = $1, score = $2, threshold = $3, value = $4, baseline = $5, message = $6, last_run_id = $7,
@@ -184,19 +175,11 @@ async fn show_worse(
              peak_score = max(coalesce($2, 0), coalesce(peak_score, 0)), state = $9, shelved_until = $10, resolved_seen_at = $11
          WHERE anomaly_id = $12",
     )
-    .bind(anomaly.severity.name())
-    .bind(finite(anomaly.score))
-    .bind(finite(anomaly.threshold))
-    .bind(finite(anomaly.value))
-    .bind(finite(anomaly.baseline))
-    .bind(&anomaly.message)
-    .bind(anomaly.last_run_id)
-    .bind(anomaly.last_seen_at.as_microsecond())
-    .bind(life.state.name())
+    .bind_all((anomaly.severity.name(), finite(anomaly.score), finite(anomaly.threshold)))
+    .bind_all((finite(anomaly.value), finite(anomaly.baseline), &anomaly.message, anomaly.last_run_id))
+    .bind_all((anomaly.last_seen_at.as_microsecond(), life.state.name()))
     .bind(life.shelved_until.map(Timestamp::as_microsecond))
-    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
-    .bind(anomaly_id)
-    .execute(executor)
-    .await?;
-    Ok(())
+    .bind_all((life.resolved_seen_at.map(Timestamp::as_microsecond), anomaly_id))
+    .run(executor)
+    .await
 }

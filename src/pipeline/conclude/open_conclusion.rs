@@ -102,9 +102,6 @@ impl Pipeline {
 
     /// Like [`Pipeline::conclude_open`], but a panic is logged and affects this test alone, which is evaluated as a
     /// whole when it is complete.
-    ///
-    /// # Errors
-    /// Those of the store.
     pub async fn conclude_open_isolated(&self, run_id: i64) -> Result<OpenConclusion, PipelineError> {
         let pipeline = self.clone();
         let reason = |error: JoinError| {
