@@ -1,13 +1,14 @@
 //! HTTP server: it receives exports, reports their status, and shows the state of the fleet.
 //!
 //! Uploads go to a watched folder (`spool`), so the daemon reads them in the same way as files on disk. No code here
-//! reads an export. Requests change the database only if a person handles an alarm.
+//! parses an export. Requests change the database only if a person handles an alarm.
 //!
 //! | request | does |
 //! |---|---|
 //! | `GET /` | the dashboard, a page that sends the requests below (`page`) |
 //! | `/v1/fleet`, `/v1/views/VIEW`, `/v1/sql`, `/v1/events`, ... | stored data, and actions on alarms (`api`) |
 //! | `PUT /v1/exports/NAME` | receives an export, whole or from the end of an interrupted attempt (`upload`) |
+//! | `PUT /v1/exports/NAME?explain=true` | says how an export would be treated, and keeps nothing (`explained`) |
 //! | `HEAD /v1/exports/NAME` | reports in `Upload-Offset` the number of bytes received |
 //! | `GET /v1/exports/HASH`, `/NAME` | reports the status of an export (`status`) |
 //! | `GET /v1/openapi.json` | the description of all these requests (`openapi`) |
@@ -21,6 +22,7 @@ mod answer;
 mod api;
 mod compression;
 mod connections;
+mod explained;
 mod metrics;
 mod network;
 mod openapi;

@@ -12,7 +12,7 @@ use clap_complete::env::Shells;
 use clap_complete::{CompleteEnv, Shell};
 use jiff::Timestamp;
 
-use super::alerts::words;
+use super::alerts::anomaly_texts;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::{output, unknown_robot};
 use armwatch_store::Store;
@@ -114,12 +114,12 @@ impl Named {
             found.extend(runs.iter().take(MOST_RUNS).map(|run| {
                 candidate(
                     run.run_id,
-                    format!("{} {} {}", run.robot, words::minute(run.started_at), run.status.name()),
+                    format!("{} {} {}", run.robot, anomaly_texts::minute(run.started_at), run.status.name()),
                 )
             }));
         }
         if self == Self::Alarms {
-            let mut alarms = words::all(store, Timestamp::now()).await?;
+            let mut alarms = anomaly_texts::all(store, Timestamp::now()).await?;
             alarms.sort_by_key(|of| (of.state.is_closed(), std::cmp::Reverse(of.anomaly_id)));
             found.extend(alarms.iter().map(|of| {
                 let place = of.joint.map(|joint| format!(" joint {joint}")).unwrap_or_default();

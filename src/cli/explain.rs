@@ -16,9 +16,7 @@ use crate::pipeline::look::explain::{
 use armwatch_config::{Config, Layout, PartMatch, layout_units};
 use armwatch_ingest::bytes::parts::RecordingParts;
 use armwatch_ingest::find::join::join_paths;
-use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::{ColumnMap, Role};
-use armwatch_ingest::table::reader::LeftOut;
 use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::slower::Slower;
@@ -91,13 +89,13 @@ fn as_lines(config: &Config, of: &Explanation) -> Vec<String> {
             lines.extend(reading_lines(&recognised.entry.layout, &recognised.entry.description, reading));
         }
     }
-    let problems = problems(of);
+    let problems = of.problems();
     let listed = problems.iter().map(|problem| topic("problem", problem));
     lines.extend(listed);
     if problems.is_empty() {
         lines.push(topic("problems", "none"));
     }
-    lines.extend(all_remarks(of).iter().map(|remark| topic("remark", remark)));
+    lines.extend(of.remarks().iter().map(|remark| topic("remark", remark)));
     lines.push(topic("ledger", &ledger_text(&of.ledger)));
     lines.push(topic("next", &next_text(config, of)));
     lines
@@ -327,70 +325,6 @@ fn friction_text(robot: &Robot, cycles: &[CycleSketch]) -> impl Iterator<Item = 
     lines.into_iter()
 }
 
-/// Faults and oddities, the worst first.
-fn problems(of: &Explanation) -> Vec<String> {
-    let mut problems: Vec<String> = of.rejection.iter().map(|rejection| rejection.sentence()).collect();
-    let Some(reading) = &of.reading else { return problems };
-    problems.extend(
-        reading.left_out.map(|LeftOut { line, reason }| {
-            format!("line {line}: the last line {reason}; the row is skipped")
-        }),
-    );
-    if reading.passed_over.rows > 0 {
-        problems.push(passed_over_text(&reading.passed_over, of));
-    }
-    problems.extend(refusals(reading));
-    problems
-}
-
-/// Oddities of name and start, and the remarks of the reading.
-fn all_remarks(of: &Explanation) -> Vec<String> {
-    of.doubts.iter().cloned().chain(of.reading.iter().flat_map(remarks)).collect()
-}
-
-/// Why cycles are refused.
-pub(super) fn refusals(reading: &ExportReading) -> Vec<String> {
-    said_of_cycles(reading, |analysis| {
-        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
-    })
-}
-
-/// Rows that were repaired or omitted, and remarks of the analysis about accepted cycles.
-pub(super) fn remarks(reading: &ExportReading) -> Vec<String> {
-    let mut remarks = reading.mended.sentences();
-    remarks.extend(said_of_cycles(reading, |analysis| analysis.remarks.clone()));
-    remarks
-}
-
-/// Remarks about cycles; a remark about several cycles appears once, with their numbers.
-fn said_of_cycles(reading: &ExportReading, of: impl Fn(&CycleAnalysis) -> Vec<String>) -> Vec<String> {
-    let mut said: Vec<(String, Vec<u32>)> = Vec::new();
-    for cycle in &reading.cycles {
-        for text in cycle.analysis.as_ref().map(&of).unwrap_or_default() {
-            match said.iter_mut().find(|(known, _)| *known == text) {
-                Some((_, cycles)) => cycles.push(cycle.cycle),
-                None => said.push((text, vec![cycle.cycle])),
-            }
-        }
-    }
-    let numbered = |(text, cycles): (String, Vec<u32>)| {
-        let numbers: Vec<String> = cycles.iter().map(u32::to_string).collect();
-        format!("cycle {}: {text}", numbers.join(", "))
-    };
-    said.into_iter().map(numbered).collect()
-}
-
-fn passed_over_text(passed_over: &PassedOver, of: &Explanation) -> String {
-    let rows = passed_over.rows;
-    let (s, are) = if rows == 1 { ("", "is") } else { ("s", "are") };
-    let permitted = of.recognised.as_ref().map_or(0, |of| of.entry.layout.rows.skip_bad);
-    let first = passed_over
-        .first
-        .as_ref()
-        .map_or_else(String::new, |first| format!("; the first: {}", first.sentence()));
-    format!("{rows} bad row{s} {are} skipped, the layout permits {permitted} (skip_bad){first}")
-}
-
 fn ledger_text(of: &Ledger) -> String {
     match of {
         Ledger::NoDatabase => "there is no database yet".into(),
@@ -453,8 +387,8 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         "run_id": run_id,
         "supersedes_run_id": supersedes,
         "ledger": ledger_text(&of.ledger),
-        "problems": problems(of),
-        "remarks": all_remarks(of),
+        "problems": of.problems(),
+        "remarks": of.remarks(),
         "rejection": of.rejection.as_ref().map(|rejection| json!({
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "reason": rejection.reason, "remedy": rejection.remedy,

@@ -14,7 +14,7 @@ mod row;
 mod rows;
 mod session;
 mod sql;
-mod torque;
+pub(super) mod torque;
 
 use std::sync::Arc;
 

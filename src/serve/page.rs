@@ -67,6 +67,7 @@ fn assets() -> impl IntoIterator<Item = Asset> {
         "spark.js",
         "status.js",
         "style.css",
+        "upload.js",
         "uPlot.iife.min.js",
         "uPlot.min.css",
         "uplot.LICENSE",

@@ -12,6 +12,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use std::{fs, io};
 
+use tempfile::TempDir;
+
 use super::reserve::Reserve;
 use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use armwatch_ingest::find::durable::sync_names;
@@ -19,6 +21,9 @@ use armwatch_model::run::ContentHash;
 
 /// Folder of unfinished uploads inside the spool: hidden, and on the same file system.
 const PARTIAL: &str = ".partial";
+
+/// Beginning of the names of files and folders for a check in [`PARTIAL`].
+const PROBE: &str = "probe-";
 
 /// An upload that its client has not continued for this time is deleted. A machine that was off over a weekend or a
 /// week of holidays still finds its own uploads.
@@ -134,7 +139,7 @@ impl Spool {
     pub fn probe(&self) -> io::Result<()> {
         // a unique name, so that two checks at once do not delete each other's file
         let number = self.probes.fetch_add(1, Ordering::Relaxed);
-        let probe = self.folder.join(PARTIAL).join(format!("probe-{}-{number}", std::process::id()));
+        let probe = self.folder.join(PARTIAL).join(format!("{PROBE}{}-{number}", std::process::id()));
         let written = File::create(&probe).and_then(|mut file| file.write_all(b"?"));
         let removed = fs::remove_file(&probe);
         written.and(removed)
@@ -312,6 +317,7 @@ impl Spool {
                 Ok(metadata) => match PartialUpload::of(entry.path(), &metadata) {
                     Some(partial) => partials.push(partial),
                     // left by a process that was killed
+                    None if is_old(&metadata) && metadata.is_dir() => drop(fs::remove_dir_all(entry.path())),
                     None if is_old(&metadata) => drop(fs::remove_file(entry.path())),
                     None => {}
                 },
@@ -343,7 +349,7 @@ impl PartialUpload {
     fn of(path: PathBuf, metadata: &fs::Metadata) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
         let mut words = name.split('.');
-        let key = words.next().filter(|key| !key.starts_with("probe-"))?.to_owned();
+        let key = words.next().filter(|key| !key.starts_with(PROBE))?.to_owned();
         let total = words.next().and_then(|total| total.parse().ok());
         let client = words.next().unwrap_or_default().to_owned();
         Some(Self { path, key, total, client, bytes: metadata.len(), modified: metadata.modified().ok()? })
@@ -403,6 +409,14 @@ impl Claim {
         let file = if from_start { options.write(true).truncate(true) } else { options.append(true) }
             .open(&self.path)?;
         Ok(PartialFile { file, reserve: Arc::clone(&self.spool.reserve), unchecked: 0 })
+    }
+
+    /// Moves the upload under the name of its export into a hidden folder, which is deleted when it is dropped.
+    pub fn named(&self, name: &str) -> io::Result<(TempDir, PathBuf)> {
+        let folder = tempfile::Builder::new().prefix(PROBE).tempdir_in(self.spool.folder.join(PARTIAL))?;
+        let path = folder.path().join(name);
+        fs::rename(&self.path, &path)?;
+        Ok((folder, path))
     }
 
     /// Hash and length of the content, read from disk.

@@ -18,6 +18,7 @@ use utoipa::ToSchema;
 
 use super::access::Scope;
 use super::answer::{Json, Problem, Refusal, Refused, UPLOAD_COMPLETE, UPLOAD_OFFSET};
+use super::explained::{Explained, MOST_EXPLAINED, explained};
 use super::network::Network;
 use super::part::ByteRange;
 use super::receive::{BodyBounds, SLOW_START, no_uploads, of_disk, receive};
@@ -48,11 +49,16 @@ const MEDIA_TYPES: [&str; 9] = [
     "application/x-www-form-urlencoded",
 ];
 
-/// Query of an upload: `?supersede=true` lets the content replace another one under the same name.
+/// Query of an upload.
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Wishes {
+    /// True if the content may replace another one under the same name.
     #[serde(default)]
     supersede: bool,
+    /// True if the content is only explained and not kept.
+    #[serde(default)]
+    explain: bool,
 }
 
 /// Get the received size of an upload
@@ -95,17 +101,19 @@ pub async fn offset(
 /// Send an export, or a part of one
 ///
 /// 201 means that all bytes are on disk. A part has `Content-Range`, and its answer gives the start of the next part.
+/// With `?explain=true` the daemon reads and analyses the export, says how it would treat it, and keeps nothing.
 #[utoipa::path(
     put, path = "/v1/exports/{name}", tag = "Exports", operation_id = "upload",
     params(
         ("name" = String, Path, description = "Name of the file, which says robot, date and time; ends in .csv, .csv.gz, .csv.zst, .parquet or .mcap"),
         ("supersede" = Option<bool>, Query, description = "Whether the content takes the place of another one under this name"),
+        ("explain" = Option<bool>, Query, description = "Whether the content, of at most 64 MB, is only explained and not kept"),
         ("Content-Range" = Option<String>, Header, description = "bytes FIRST-LAST/TOTAL, or bytes */TOTAL to end an upload"),
         ("X-Content-BLAKE3" = Option<String>, Header, description = "Hash of the content, 64 hexadecimal digits"),
     ),
     request_body(description = "The bytes of the export", content((Vec<u8> = "application/octet-stream"), (String = "text/csv"))),
     responses(
-        (status = 200, description = "The content is here or stored already", body = Taken),
+        (status = 200, description = "The content is here or stored already; or, with explain, how it would be treated", body = Answered),
         (status = 201, description = "The export is taken", body = Taken),
         (status = 202, description = "The part is here; more is wanted from Upload-Offset on"),
         (status = 400, description = "Name, range or hash is wrong, the body broke off, or the export is empty", body = Problem),
@@ -132,14 +140,16 @@ pub async fn put(
     shared.access.check_for(Scope::Upload, &headers)?;
     let uploads = uploads(&shared)?;
     let Query(wishes) = wishes.map_err(|_| {
-        Refusal::new(StatusCode::BAD_REQUEST, "the only parameter is supersede, true or false")
+        Refusal::new(StatusCode::BAD_REQUEST, "the parameters are supersede and explain, true or false")
     })?;
     check_name(&name)?;
     check_robot(uploads, &name)?;
     check_media(&headers)?;
     let content = declared_content(&headers)?;
-    let part = ByteRange::of(&headers, uploads.settings.max_bytes)?;
-    if let Some(content) = &content
+    let most = uploads.settings.max_bytes.min(if wishes.explain { MOST_EXPLAINED } else { u64::MAX });
+    let part = ByteRange::of(&headers, most)?;
+    if !wishes.explain
+        && let Some(content) = &content
         && let Some(run) = stored(&shared.store, uploads, &name, content).await?
     {
         uploads.remember_known(&name, *content);
@@ -151,9 +161,11 @@ pub async fn put(
             .after(5)
     })?;
     let client = format!("{} {network}", shared.access.token_name(&headers));
-    let claim = claimed(uploads, &name, content, client, part).await?;
+    // an upload of the same export has another key
+    let key = if wishes.explain { format!("{name}\nexplain") } else { name.clone() };
+    let claim = claimed(uploads, &key, content, client, part).await?;
     let bounds = BodyBounds {
-        bytes: part.most(uploads.settings.max_bytes),
+        bytes: part.most(most),
         idle: uploads.settings.idle_timeout,
         slow_start: SLOW_START,
         total: uploads.settings.total_timeout,
@@ -166,6 +178,9 @@ pub async fn put(
     if length == 0 {
         claim.remove();
         return Err(Refusal::new(StatusCode::BAD_REQUEST, "the export is empty"));
+    }
+    if wishes.explain {
+        return Ok(Json(explained(&shared, name, claim).await?).into_response());
     }
     let upload = Upload { name, declared: content, length, claim, supersede: wishes.supersede };
     // continues even if the client disconnects after it has sent everything
@@ -366,6 +381,15 @@ struct Upload {
     length: u64,
     claim: Claim,
     supersede: bool,
+}
+
+/// A finished upload, or how an export would be treated
+#[derive(ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes both answers in the OpenAPI document")]
+enum Answered {
+    Taken(Taken),
+    Explained(Explained),
 }
 
 /// A finished upload

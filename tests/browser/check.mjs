@@ -1,14 +1,16 @@
-// Browser test of the dashboard: node check.mjs BASE_URL OUT_FOLDER [--token TOKEN] [--act] [--budget MS] [--only NAME,...] [--pages NAME,...]
+// Browser test of the dashboard: node check.mjs BASE_URL OUT_FOLDER [--token TOKEN] [--act] [--budget MS] [--only NAME,...] [--pages NAME,...] [--export FILE]
 // Looks at every page in light, dark and at phone width. --act also enters things, so it changes the database. A first
 // paint that takes longer than --budget is a fault. --pages are those that are looked at.
+// --export is a sound one for dropping.
 import { mkdir, readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
+import { basename } from "node:path";
 import { parseArgs } from "node:util";
 import puppeteer from "puppeteer-core";
 
 const { values: options, positionals: [base = "http://127.0.0.1:8750/", out = "shots"] } = parseArgs({
   allowPositionals: true,
-  options: { token: { type: "string" }, act: { type: "boolean" }, budget: { type: "string" }, only: { type: "string" }, pages: { type: "string" } },
+  options: { token: { type: "string" }, act: { type: "boolean" }, budget: { type: "string" }, only: { type: "string" }, export: { type: "string" }, pages: { type: "string" } },
 });
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const LOOKS = [["light", 1280, "light"], ["dark", 1280, "dark"], ["phone", 390, "light"], ["phone-dark", 320, "dark"]];
@@ -405,6 +407,37 @@ async function notes() {
   await context.close();
 }
 
+/** An export is dropped: explained, then sent. */
+async function dropped() {
+  if (!options.export) return;
+  const { page, context } = await open("#/ingest");
+  const reads = (text) => page.waitForFunction((wanted) => document.querySelector(".drop").textContent.includes(wanted), { timeout: SETTLE_MS, polling: 50 }, text).then(() => true, () => false);
+  const runs = async () => (await ask("v1/views/runs")).rows.filter((one) => one.source_name === basename(options.export));
+  const whole = await readFile(options.export, "utf8");
+  const drop = (content) => page.$eval(".drop", (place, name, text) => {
+    const dropped = new DataTransfer();
+    dropped.items.add(new File([text], name));
+    place.dispatchEvent(new DragEvent("drop", { dataTransfer: dropped, bubbles: true, cancelable: true }));
+  }, basename(options.export), content);
+  await page.waitForSelector(".drop", { timeout: SETTLE_MS, polling: 50 });
+  await drop(whole.replace(/^(.*\n){99}/, "$&abc"));
+  check(await reads("would go into quarantine") && await reads("line 100"), "a broken export is explained");
+  await page.screenshot({ path: `${out}/dropped-broken.png`, fullPage: true });
+  await drop(whole);
+  check(await reads("can be stored"), "a sound export is explained");
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => globalThis.axe.run(".drop").then((result) => result.violations.map((one) => `${one.id} ${one.nodes[0].target.join(" ")}`)));
+  check(found.length === 0, "the explanation has no violations of axe", found.join("; "));
+  await page.screenshot({ path: `${out}/dropped.png`, fullPage: true });
+  check((await runs()).length === 0, "an explained export is not stored");
+  await page.locator('[data-key="send"]').setTimeout(SETTLE_MS).click();
+  const until = Date.now() + SETTLE_MS;
+  while (Date.now() < until && (await runs())[0]?.status !== "complete") await new Promise((resolve) => setTimeout(resolve, 250));
+  check((await runs())[0]?.status === "complete", "a sent export is stored");
+  check(page.problems.length === 0, "a dropped export leaves a clean console", page.problems.join("; "));
+  await context.close();
+}
+
 async function tokenIsAsked() {
   if (!options.token) return;
   const { page, context } = await open("#/", { token: null });
@@ -442,7 +475,7 @@ try {
     looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
     paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     first: async () => { for (const [language, name] of Object.entries({ en: "Fleet", ...LANGUAGES })) await firstPage(language, name); },
-    languages, notes: options.act ? notes : () => {}, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
+    languages, notes: options.act ? notes : () => {}, drop: dropped, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };
   const only = options.only?.split(",");
   for (const [name, run_] of Object.entries(checks)) if (!only || only.includes(name)) await run_();

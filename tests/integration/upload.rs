@@ -292,6 +292,49 @@ fn what_is_not_an_upload_is_refused_with_a_sentence() {
 }
 
 #[test]
+fn an_export_is_explained_before_it_is_sent_and_not_kept() {
+    let mut receiver = Receiver::new("");
+    let made = receiver.workshop.simulate("made", &["--cycles", "2", "--warming-s", "5", "--name", "R00"]);
+    let (name, bytes) = (made[0].file_name().expect("a name").to_string_lossy(), fs::read(&made[0]));
+    let (asked, bytes) = (format!("{name}?explain=true"), bytes.expect("an export"));
+    let explain = |bytes: &[u8]| {
+        let answer = receiver.put(&asked, "", bytes);
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        answer.json()
+    };
+    let sound = explain(&bytes);
+    assert_eq!(sound["next"], "store", "{sound}");
+    assert_eq!((&sound["robot"], &sound["kind"]), (&"R00".into(), &"test".into()), "{sound}");
+    assert_eq!((&sound["cycles"], &sound["cycles_identified"]), (&2.into(), &2.into()), "{sound}");
+    let rows = bytes.iter().filter(|byte| **byte == b'\n').count() - 1;
+    assert_eq!(sound["rows"], rows, "{sound}");
+    assert_eq!(sound["problems"].as_array().map(Vec::len), Some(0), "{sound}");
+
+    let mut lines: Vec<String> = text(&bytes).lines().map(str::to_owned).collect();
+    lines[99] = lines[99].replacen(',', ",abc", 1);
+    let broken = explain(lines.join("\n").as_bytes());
+    assert_eq!(broken["next"], "quarantine", "{broken}");
+    let problem = broken["problems"][0].as_str().expect("a problem");
+    assert!(problem.starts_with("line 100, column ") && problem.contains("abc"), "{problem}");
+
+    receiver.workshop.wait_until_idle();
+    assert_eq!(receiver.workshop.number("SELECT count(*) FROM runs"), 0);
+    assert_eq!(receiver.partials(), 0);
+    assert_eq!(receiver.put(&name, "", &bytes).status, 201);
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+    let known = explain(&bytes);
+    let run_id = receiver.workshop.number("SELECT run_id FROM runs");
+    assert_eq!((&known["next"], &known["run_id"]), (&"nothing".into(), &run_id.into()), "{known}");
+
+    let large = receiver.put(&asked, "Content-Range: bytes 0-9/99999999\r\n", b"0123456789");
+    assert_eq!(large.status, 413, "{}", large.body);
+    let without_token = receiver.try_send(&format!("PUT /v1/exports/{asked}"), "", &bytes);
+    assert_eq!(without_token.map(|answer| answer.status), Some(401));
+    assert_eq!(receiver.put(&format!("{name}?explains=true"), "", &bytes).status, 400);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
 fn a_name_holds_one_content_unless_the_sender_wants_it_otherwise() {
     let mut receiver = Receiver::new("");
     let first = export();

@@ -5,7 +5,6 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::cli::context::CliError;
-use crate::cli::explain::{refusals, remarks};
 use crate::cli::shared::output;
 use crate::cli::shared::shipped_robot::shipped_robot;
 use crate::pipeline::look::explain::{ExportReading, try_layout};
@@ -96,7 +95,7 @@ fn of_reading(
     misfit: Option<String>,
 ) -> Trial {
     let analyses: Vec<_> = reading.cycles.iter().filter_map(|cycle| cycle.analysis.as_ref()).collect();
-    let refused = refusals(reading);
+    let refused = reading.refusals();
     let has_positions = layout.position.columns != armwatch_config::JointColumns::NotRecorded;
     let none_is_taken =
         has_positions && !analyses.is_empty() && analyses.iter().all(|analysis| analysis.refusal().is_some());
@@ -128,7 +127,7 @@ fn of_reading(
     );
     let mut sentences: Vec<String> = fault.iter().map(|fault| format!("THE TRIAL FAILED: {fault}")).collect();
     sentences.push(tried);
-    let remarks = remarks(reading);
+    let remarks = reading.remarks();
     let findings: Vec<&String> = refused.iter().chain(&remarks).collect();
     sentences.extend(findings.iter().take(MOST_FINDINGS).map(|finding| format!("Finding: {finding}")));
     if findings.len() > MOST_FINDINGS {

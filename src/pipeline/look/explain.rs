@@ -174,6 +174,13 @@ impl Explainer {
         Self { config, pipeline, methods: Vec::new() }
     }
 
+    /// Creates an explainer with an open database.
+    #[must_use]
+    pub fn with_store(config: Arc<Config>, store: Store) -> Self {
+        let pipeline = Ok(Pipeline::new(Arc::clone(&config), store));
+        Self { config, pipeline, methods: Vec::new() }
+    }
+
     /// Explains one export; analyses its cycles unless `quick`.
     ///
     /// # Errors

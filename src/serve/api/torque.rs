@@ -22,7 +22,7 @@ use armwatch_model::robot::JointKind;
 const USUAL_POINTS: usize = 1200;
 
 /// Longest wait of a request until another cycle has been read.
-pub(super) const PATIENCE: Duration = Duration::from_secs(20);
+pub(in crate::serve) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Significant digits of a value in a plot.
 const DIGITS: i32 = 6;
@@ -160,7 +160,7 @@ pub async fn of_cycle(
 
 /// Does `work` when a turn is free. Its own task holds the turn until the work ends, because the request is dropped if
 /// its client disconnects, but the reading continues. `None` if no turn became free in time.
-pub(super) async fn in_turn<T: Send + 'static>(
+pub(in crate::serve) async fn in_turn<T: Send + 'static>(
     turns: &Arc<Semaphore>,
     patience: Duration,
     work: impl Future<Output = T> + Send + 'static,

@@ -75,7 +75,7 @@ export let rights = null;
 
 export async function readRights() {
   const session = await get("v1/session");
-  rights = { act: session.may_act, loggedIn: session.needs_token && session.may_read, needsToken: session.needs_token };
+  rights = { act: session.may_act, upload: session.may_upload, loggedIn: session.needs_token && session.may_read, needsToken: session.needs_token };
   return session;
 }
 
@@ -125,6 +125,12 @@ export async function view(name, query = {}, signal) {
 function write(method, path, body) {
   mayAskAgain();
   return request(path, { method, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+}
+
+/** Sends the bytes of a file; gives the daemon's answer. */
+export function sendFile(path, file) {
+  mayAskAgain();
+  return request(path, { method: "PUT", body: file, headers: { "Content-Type": "application/octet-stream" } });
 }
 
 export const post = (path, body) => write("POST", path, body);

@@ -125,6 +125,15 @@ export function mount({ main, query, choose, title }) {
     return true;
   };
 
+  // only a page without robots loads this module
+  let drop = null;
+  function dropped() {
+    if (drop) return drop;
+    drop = h("div");
+    import("./upload.js").then(({ dropPlace }) => replace(drop, dropPlace(refresh))).catch(() => {});
+    return drop;
+  }
+
   const totals = h("dl", { class: "totals" });
   const alarms = h("div");
   const live = h("div");
@@ -255,6 +264,7 @@ export function mount({ main, query, choose, title }) {
       drawHead();
       replace(body, content[0], empty(h("h2", null, t`No test yet`),
         watchedNote(data),
+        dropped(),
         demoNote(),
         data.counts.quarantined_runs ? h("p", null, h("a", { href: "#/ingest" }, t`${plural(data.counts.quarantined_runs, "export")} in quarantine: see why`)) : null));
       return;

@@ -6,6 +6,7 @@ import { t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { demoNote, watchedNote } from "./fleet.js";
 import { runTable } from "./robot.js";
+import { dropPlace } from "./upload.js";
 
 const STATES = {
   open: "open", dismissed: "dismissed", earlier: t`another fault was found later`, reading: t`being read again`, stored: t`stored since`, superseded: t`replaced by a corrected export`,
@@ -111,7 +112,9 @@ export function mount({ main, title }) {
       : empty(h("p", null, t`No export was read yet.`), watchedNote(fleet), demoNote())),
   });
 
-  const parts = [live, stuck, quarantine, runs];
+  const drop = part({ load: async () => rights?.upload, draw: () => dropPlace(soon), className: "bare" });
+
+  const parts = [drop, live, stuck, quarantine, runs];
   main.replaceChildren(h("h1", { tabindex: -1 }, t`Ingest`), ...parts.map((one) => one.element));
   return { refresh, destroy() { for (const one of parts) one.destroy(); } };
 }
