@@ -1,6 +1,7 @@
 //! Problems and remarks of an explanation as sentences.
 
 use crate::pipeline::look::explain::{Explanation, ExportReading};
+use crate::pipeline::stored::chosen_cycles::in_ranges;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::reader::LeftOut;
 use armwatch_model::analysis::CycleAnalysis;
@@ -59,8 +60,7 @@ impl ExportReading {
             }
         }
         let numbered = |(text, cycles): (String, Vec<u32>)| {
-            let numbers: Vec<String> = cycles.iter().map(u32::to_string).collect();
-            format!("cycle {}: {text}", numbers.join(", "))
+            format!("cycle {}: {text}", in_ranges(cycles.into_iter().map(i64::from)))
         };
         said.into_iter().map(numbered).collect()
     }

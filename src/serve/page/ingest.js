@@ -112,9 +112,9 @@ export function mount({ main, title }) {
       : empty(h("p", null, t`No export was read yet.`), watchedNote(fleet), demoNote())),
   });
 
-  const drop = part({ load: async () => rights?.upload, draw: () => dropPlace(soon), className: "bare" });
-
-  const parts = [drop, live, stuck, quarantine, runs];
-  main.replaceChildren(h("h1", { tabindex: -1 }, t`Ingest`), ...parts.map((one) => one.element));
+  const drop = dropPlace(soon);
+  const parts = [live, stuck, quarantine, runs];
+  main.replaceChildren(h("h1", { tabindex: -1 }, t`Ingest`),
+    ...(drop ? [h("section", { class: "part" }, h("div", { class: "part-head" }, h("h2", null, t`Send an export`)), drop)] : []), ...parts.map((one) => one.element));
   return { refresh, destroy() { for (const one of parts) one.destroy(); } };
 }
