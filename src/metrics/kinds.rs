@@ -42,7 +42,6 @@ pub enum Disk {
 
 impl Disk {
     /// Its name in the metrics.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Database => "database",
@@ -52,7 +51,6 @@ impl Disk {
     }
 
     /// Its content, in messages.
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::Database => "the database",
@@ -62,7 +60,6 @@ impl Disk {
     }
 
     /// The consequence while it does not answer, in messages.
-    #[must_use]
     pub const fn consequence(self) -> &'static str {
         match self {
             Self::Database => "nothing is stored until it does",

@@ -16,7 +16,6 @@ impl CodeLanguage {
     pub const ALL: [Self; 3] = [Self::C, Self::Rust, Self::Python];
 
     /// Name on the command line.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::C => "c",

@@ -41,7 +41,6 @@ impl Scope {
     pub const ALL: [Self; 3] = [Self::Read, Self::Act, Self::Upload];
 
     /// Name in the configuration.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Read => "read",

@@ -109,13 +109,11 @@ impl HealthStatus {
         [Self::Critical, Self::Warning, Self::Overdue, Self::Unknown, Self::Learning, Self::Ok];
 
     /// Its rank: 0 is the worst.
-    #[must_use]
     pub fn rank(self) -> usize {
         Self::WORST_FIRST.iter().position(|status| *status == self).unwrap_or(Self::WORST_FIRST.len())
     }
 
     /// Name as in the view `fleet_health`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -197,7 +195,6 @@ pub struct AnomalyRow {
 
 impl AnomalyRow {
     /// Number of the joint as people read it, from 1; `None` if the cause affects the whole arm.
-    #[must_use]
     pub fn joint_number(&self) -> Option<usize> {
         self.joint.map(JointIndex::number)
     }

@@ -71,7 +71,6 @@ impl HistoryDetector {
     pub const ALL: [Self; 5] = [Self::Armwatch, Self::Always, Self::Never, Self::ThreeSigma, Self::Cusum];
 
     /// Name in tables.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Armwatch => "armwatch",

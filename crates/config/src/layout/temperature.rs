@@ -21,7 +21,6 @@ impl TemperatureUnit {
     pub const ALL: [Self; 3] = [Self::Celsius, Self::Kelvin, Self::Fahrenheit];
 
     /// Name in layouts.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Celsius => "degC",
@@ -31,7 +30,6 @@ impl TemperatureUnit {
     }
 
     /// Converts `value` in this unit to K.
-    #[must_use]
     pub fn kelvin(self, value: f64) -> f64 {
         match self {
             Self::Celsius => value + ZERO_CELSIUS,
@@ -41,7 +39,6 @@ impl TemperatureUnit {
     }
 
     /// Converts `kelvin` to this unit.
-    #[must_use]
     pub fn of_kelvin(self, kelvin: f64) -> f64 {
         match self {
             Self::Celsius => kelvin - ZERO_CELSIUS,

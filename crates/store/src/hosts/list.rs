@@ -26,7 +26,6 @@ impl HostState {
     const ALL: [Self; 3] = [Self::AtWork, Self::Silent, Self::Ended];
 
     /// Name as in the view `hosts`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::AtWork => "at_work",
@@ -52,7 +51,6 @@ pub struct HostRow {
 
 impl HostRow {
     /// True if its daemon is gone without having been stopped.
-    #[must_use]
     pub fn is_lost(&self) -> bool {
         self.state == HostState::Silent || self.end_reason.as_deref() == Some("lease_ended")
     }

@@ -108,7 +108,6 @@ impl KeptKind {
     pub const ALL: [Self; 2] = [Self::Set, Self::EachCycle];
 
     /// Name as printed.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Set => "set",

@@ -135,7 +135,6 @@ impl FaultState {
         [Self::Open, Self::Dismissed, Self::Earlier, Self::Reading, Self::Stored, Self::Superseded];
 
     /// Name as in the view `quarantine`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Open => "open",

@@ -29,7 +29,6 @@ impl AlarmState {
         [Self::Open, Self::Acknowledged, Self::Shelved, Self::Maintenance, Self::Resolved, Self::FalseAlarm];
 
     /// Name as in the view `anomalies`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Open => "open",
@@ -42,7 +41,6 @@ impl AlarmState {
     }
 
     /// True if no one has to act.
-    #[must_use]
     pub fn is_closed(self) -> bool {
         matches!(self, Self::Resolved | Self::FalseAlarm)
     }
@@ -104,7 +102,6 @@ impl EventKind {
     ];
 
     /// Name as in the view `anomaly_history`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Opened => "opened",
@@ -126,13 +123,11 @@ impl EventKind {
     }
 
     /// True if someone should look.
-    #[must_use]
     pub fn calls(self) -> bool {
         matches!(self, Self::Opened | Self::Reopened | Self::Worse | Self::Overdue | Self::Unshelved)
     }
 
     /// True if no one has to look any more.
-    #[must_use]
     pub fn closes(self) -> bool {
         matches!(self, Self::Ended | Self::Withdrawn | Self::Resolved | Self::FalseAlarm)
     }
