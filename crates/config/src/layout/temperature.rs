@@ -5,30 +5,20 @@ use super::column_names::ColumnNames;
 use crate::toml::table::Table;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// A unit of temperature in exports.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TemperatureUnit {
-    /// Degrees Celsius.
-    Celsius,
-    /// Kelvin.
-    Kelvin,
-    /// Degrees Fahrenheit.
-    Fahrenheit,
+armwatch_model::named_enum! {
+    /// A unit of temperature in exports.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum TemperatureUnit {
+        /// Degrees Celsius.
+        Celsius = "degC",
+        /// Kelvin.
+        Kelvin = "K",
+        /// Degrees Fahrenheit.
+        Fahrenheit = "degF",
+    }
 }
 
 impl TemperatureUnit {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Celsius, Self::Kelvin, Self::Fahrenheit];
-
-    /// Name in layouts.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Celsius => "degC",
-            Self::Kelvin => "K",
-            Self::Fahrenheit => "degF",
-        }
-    }
-
     /// Converts `value` in this unit to K.
     pub fn kelvin(self, value: f64) -> f64 {
         match self {

@@ -113,36 +113,24 @@ pub enum FaultKind {
     },
 }
 
-/// Part of a joint's friction that wears.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WornPart {
-    /// All of it, in proportion at all speeds.
-    All,
-    /// The Coulomb part f1: preload, a seal, a dry contact.
-    Coulomb,
-    /// The part that grows with speed, f2 to f4: the lubricant.
-    Viscous,
-    /// f1 and f2; the curvature f3 and f4 stays, so that friction rises more than in proportion at high speeds.
-    Linear,
-    /// The part that grows with the torque that the gear carries: the teeth.
-    Load,
+armwatch_model::named_enum! {
+    /// Part of a joint's friction that wears.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum WornPart {
+        /// All of it, in proportion at all speeds.
+        All = "all",
+        /// The Coulomb part f1: preload, a seal, a dry contact.
+        Coulomb = "coulomb",
+        /// The part that grows with speed, f2 to f4: the lubricant.
+        Viscous = "viscous",
+        /// f1 and f2; the curvature f3 and f4 stays, so that friction rises more than in proportion at high speeds.
+        Linear = "linear",
+        /// The part that grows with the torque that the gear carries: the teeth.
+        Load = "load",
+    }
 }
 
 impl WornPart {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::All, Self::Coulomb, Self::Viscous, Self::Linear, Self::Load];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::Coulomb => "coulomb",
-            Self::Viscous => "viscous",
-            Self::Linear => "linear",
-            Self::Load => "load",
-        }
-    }
-
     /// Which of f1 to f4 grow.
     fn coefficients(self) -> [bool; FRICTION_COUNT] {
         match self {
