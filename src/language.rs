@@ -81,7 +81,6 @@ impl Texts {
 }
 
 /// A message with its values.
-#[must_use]
 pub fn say(language: Language, english: &str, values: &[&str]) -> String {
     debug_assert!(
         language == Language::English || MESSAGES.rows.contains_key(english),
@@ -92,7 +91,6 @@ pub fn say(language: Language, english: &str, values: &[&str]) -> String {
 
 /// A text that was written in English, in another language: a key, or a key with values in it. Other texts, such as
 /// names, stay as they are.
-#[must_use]
 pub fn translated(language: Language, english: &str) -> Cow<'_, str> {
     if language == Language::English {
         return english.into();
@@ -102,7 +100,6 @@ pub fn translated(language: Language, english: &str) -> Cow<'_, str> {
 
 /// The message of a detector, or the reason for a status, in a language. A clause that is not in the table stays in
 /// English, such as the reason for a refused cycle.
-#[must_use]
 pub fn finding(language: Language, message: &str) -> Cow<'_, str> {
     if language == Language::English {
         return message.into();
@@ -121,7 +118,6 @@ pub fn finding(language: Language, message: &str) -> Cow<'_, str> {
 
 /// The clauses of a message of a detector: the finding, then values and advice. A semicolon inside brackets separates
 /// nothing.
-#[must_use]
 pub fn clauses(message: &str) -> Vec<&str> {
     let (mut found, mut start, mut depth) = (Vec::new(), 0, 0_i32);
     for (place, letter) in message.char_indices() {
@@ -170,7 +166,6 @@ fn filled(text: &str, values: &[&str]) -> String {
 }
 
 /// A number for people: in Italian and German with a decimal comma.
-#[must_use]
 pub fn number(language: Language, text: String) -> String {
     match language {
         Language::Italian | Language::German => text.replace('.', ","),
@@ -179,7 +174,6 @@ pub fn number(language: Language, text: String) -> String {
 }
 
 /// The messages of a language for pages, as a JavaScript module; `None` for English, which needs none.
-#[must_use]
 pub fn module(language: Language) -> Option<String> {
     let column = Language::ALL.iter().position(|of| *of == language)?.checked_sub(1)?;
     let messages: Map<String, Value> =

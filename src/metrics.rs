@@ -117,7 +117,6 @@ struct LiveFigures {
 
 impl Metrics {
     /// Metrics that count, including those of the process itself if the system reports them (Linux).
-    #[must_use]
     pub fn counting() -> Self {
         Self(Some(Arc::new(Families::new())))
     }
@@ -236,7 +235,6 @@ impl Metrics {
     }
 
     /// States of the watched folders.
-    #[must_use]
     pub fn folders(&self) -> Vec<FolderState> {
         let Some(of) = &self.0 else { return Vec::new() };
         let known = of.folders.lock().unwrap_or_else(PoisonError::into_inner);
@@ -258,14 +256,12 @@ impl Metrics {
     }
 
     /// False if a disk does not answer.
-    #[must_use]
     pub fn answers(&self, disk: Disk) -> bool {
         let Some(of) = &self.0 else { return true };
         of.disks.lock().unwrap_or_else(PoisonError::into_inner).get(&disk).copied().unwrap_or(true)
     }
 
     /// Starts metrics of a growing file of a robot; they are removed when the last handle is dropped.
-    #[must_use]
     pub fn live(&self, robot: &str) -> LiveFile {
         // same form as its label
         let robot = text::distinct(robot).into_owned();

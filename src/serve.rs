@@ -135,7 +135,6 @@ pub enum ServeError {
 
 impl ServeError {
     /// True if a person must change the configuration, rather than the machine.
-    #[must_use]
     pub fn is_configuration(&self) -> bool {
         matches!(self, Self::Access(_) | Self::Tls(_))
     }

@@ -35,7 +35,6 @@ pub struct StraightFriction {
 /// Links are `base_link`, `link_1`.. and `tool`. Joints have their own names, or `joint_1`... Comments contain the
 /// properties that URDF cannot express: gravity, rotor inertia, coupled motors, and friction that is not a straight
 /// line.
-#[must_use]
 pub fn urdf_text(robot: &Robot, model: &DynamicModel, comments: &[String]) -> String {
     let names = joint_names(robot);
     let mut text = String::from("<?xml version=\"1.0\"?>\n");
@@ -67,7 +66,6 @@ pub fn urdf_text(robot: &Robot, model: &DynamicModel, comments: &[String]) -> St
 ///
 /// The line is exact for Coulomb and viscous friction that is equal in both directions. URDF cannot express an offset,
 /// a difference between the directions, or the curvature of the friction.
-#[must_use]
 pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex) -> StraightFriction {
     let f = &model.friction[joint.index()];
     let point = |v: f64| {

@@ -27,7 +27,6 @@ pub struct DetectionPoint {
 }
 
 /// Draws, for each fault, detection in per cent with its interval, and the delay, over size.
-#[must_use]
 pub fn detection_figure(curves: &[DetectionCurve], title: String, subtitle: String) -> Figure {
     let panels = curves.iter().flat_map(|curve| {
         let line = |name: &str, of: &dyn Fn(&DetectionPoint) -> f64| Series {

@@ -28,7 +28,6 @@ pub struct Dispatcher {
 
 impl Dispatcher {
     /// Delivers with the newest of `configs`, until `stop` is cancelled.
-    #[must_use]
     pub fn start(store: Store, configs: watch::Receiver<Arc<Config>>, stop: CancellationToken) -> Self {
         let (nudge, heard) = watch::channel(());
         Self { nudge, task: tokio::spawn(deliver(store, configs, stop, heard)) }

@@ -26,20 +26,17 @@ pub struct Origin {
 
 impl Origin {
     /// The key of an event. It is the same in every attempt, so that a receiver detects repetitions.
-    #[must_use]
     pub fn key(&self, event_id: i64) -> String {
         format!("armwatch-{}-{event_id}", self.identity)
     }
 
     /// Address of an anomaly in the dashboard.
-    #[must_use]
     pub fn page_of(&self, anomaly_id: i64) -> Option<String> {
         let link = self.link.as_deref()?.trim_end_matches('/');
         Some(format!("{link}/#/alarm/{anomaly_id}"))
     }
 
     /// Identity of an anomaly at a receiver, independent of its state.
-    #[must_use]
     pub fn anomaly(&self, anomaly_id: i64) -> String {
         format!("armwatch-{}-anomaly-{anomaly_id}", self.identity)
     }
@@ -60,7 +57,6 @@ pub struct Alarm {
 
 impl Alarm {
     /// Creates an alarm from an event of a robot at a site, with texts in `language`.
-    #[must_use]
     pub fn new(event: AlarmEvent, site: Option<&str>, language: Language) -> Self {
         let trend = TrendFigures::of(&event.series);
         Self { event, site: site.map(str::to_owned), trend, language }
@@ -71,13 +67,11 @@ impl Alarm {
     }
 
     /// Returns true if the alarm has ended.
-    #[must_use]
     pub fn is_closed(&self) -> bool {
         self.event.what.closes()
     }
 
     /// How soon a person should act.
-    #[must_use]
     pub fn urgency(&self) -> String {
         let urgency = match self.event.severity {
             _ if self.is_closed() => "nothing to do",
@@ -89,7 +83,6 @@ impl Alarm {
     }
 
     /// Robot and joint in words.
-    #[must_use]
     pub fn place(&self) -> String {
         let joint = match self.event.joint {
             Some(joint) => self.say("joint {0}", &[&joint.to_string()]),
@@ -100,7 +93,6 @@ impl Alarm {
     }
 
     /// One line: severity, robot, joint, quantity and event.
-    #[must_use]
     pub fn title(&self) -> String {
         let AlarmEvent { severity, kind, .. } = &self.event;
         let (place, happened) = (self.place(), self.say(happened(self.event.what), &[]));
@@ -117,7 +109,6 @@ impl Alarm {
 
     /// What a technician should read. Of an alarm that is over it is what was found, without figures of the latest test
     /// and without advice.
-    #[must_use]
     pub fn sentence(&self) -> String {
         let message = text::shown(&self.event.message);
         if self.is_closed() {
@@ -128,7 +119,6 @@ impl Alarm {
     }
 
     /// The values: name and text. The sentence, robot and joint are not included.
-    #[must_use]
     pub fn facts(&self) -> Vec<(String, String)> {
         let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } =
             &self.event;
@@ -195,14 +185,12 @@ impl Alarm {
     }
 
     /// The sentence and the values, one per line.
-    #[must_use]
     pub fn details(&self) -> Vec<String> {
         let facts = self.facts().into_iter().map(|(name, text)| format!("{name}: {text}"));
         std::iter::once(self.sentence()).chain(facts).collect()
     }
 
     /// The alarm as JSON for MQTT and commands.
-    #[must_use]
     pub fn json(&self, origin: &Origin) -> Value {
         let event = &self.event;
         json!({
@@ -262,7 +250,6 @@ pub struct Message {
 
 impl Message {
     /// Language of all alarms in it.
-    #[must_use]
     pub fn language(&self) -> Language {
         self.alarms.first().map(|alarm| alarm.language).unwrap_or_default()
     }
@@ -272,7 +259,6 @@ impl Message {
     }
 
     /// Title in one line.
-    #[must_use]
     pub fn title(&self) -> String {
         match self.alarms.as_slice() {
             [alarm] if !self.is_digest => alarm.title(),
@@ -297,7 +283,6 @@ impl Message {
     }
 
     /// The whole message for people.
-    #[must_use]
     pub fn text(&self) -> String {
         let mut lines = Vec::new();
         for alarm in &self.alarms {
@@ -311,7 +296,6 @@ impl Message {
     }
 
     /// The message as JSON text for MQTT and commands.
-    #[must_use]
     pub fn json_text(&self) -> String {
         json_text(&self.json())
     }
@@ -330,20 +314,17 @@ impl Message {
     }
 
     /// `firing` while one of its alarms is open, else `resolved`.
-    #[must_use]
     pub fn status(&self) -> &'static str {
         if latest(&self.alarms).iter().any(|alarm| !alarm.is_closed()) { "firing" } else { "resolved" }
     }
 
     /// The largest severity of an alarm in it.
-    #[must_use]
     pub fn severity(&self) -> Severity {
         self.alarms.iter().map(|alarm| alarm.event.severity).max().unwrap_or(Severity::Info)
     }
 }
 
 /// The text of JSON for receivers, see [`text::json`].
-#[must_use]
 pub fn json_text(value: &Value) -> String {
     text::json(&value.to_string()).into_owned()
 }
@@ -381,7 +362,6 @@ fn seconds(time: &Timestamp) -> String {
 }
 
 /// An example alarm, for a test of a route.
-#[must_use]
 pub fn example(severity: Severity, now: Timestamp) -> AlarmEvent {
     let day = |days: i64| now - jiff::SignedDuration::from_hours(24 * days);
     let series = [1.0, 1.01, 1.06, 1.12, 1.19, 1.24];

@@ -16,7 +16,6 @@ const LIMIT: [u8; 3] = [0xc0, 0x3a, 0x00];
 const EXPECTED: [u8; 3] = [0x8a, 0x93, 0x9c];
 
 /// Values over time, with a line at the expected value and at each limit, as a PNG file. `None` without two values.
-#[must_use]
 pub(super) fn curve(series: &[(Timestamp, f64)], expected: Option<f64>, limits: &[f64]) -> Option<Vec<u8>> {
     let known: Vec<(f64, f64)> = series
         .iter()

@@ -46,19 +46,16 @@ pub enum SendError {
 
 impl SendError {
     /// The receiver did not answer.
-    #[must_use]
     pub fn unreached(detail: impl Into<String>) -> Self {
         Self::Unreached { detail: detail.into(), retry_after: None }
     }
 
     /// The message was refused, and may be accepted later.
-    #[must_use]
     pub fn refused(detail: impl Into<String>) -> Self {
         Self::Refused { detail: detail.into(), is_final: false }
     }
 
     /// The message was refused permanently.
-    #[must_use]
     pub fn never(detail: impl Into<String>) -> Self {
         Self::Refused { detail: detail.into(), is_final: true }
     }

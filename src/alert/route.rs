@@ -11,7 +11,6 @@ use armwatch_store::{AlarmEvent, EventFate, EventKind, Held};
 const SILENT: [&str; 3] = ["shelved", "maintenance", "false_alarm"];
 
 /// Decides the fate of an event on a route.
-#[must_use]
 pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: Timestamp) -> EventFate {
     let site = settings.site_of(&event.robot);
     // the store sends the end of an alarm to every route that reported it, even if its kind or severity has changed
@@ -32,7 +31,6 @@ pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: T
 }
 
 /// The end of the quiet hours that delay a message of this severity; `None` if it does not wait.
-#[must_use]
 pub fn quiet_until(route: &Route, severity: Severity, now: Timestamp) -> Option<Timestamp> {
     let quiet = route.quiet?;
     if severity == Severity::Critical {

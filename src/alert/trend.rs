@@ -27,7 +27,6 @@ pub struct TrendFigures {
 impl TrendFigures {
     /// The trend values of a series, oldest first. The slope is the median of the slopes between all pairs of runs
     /// (Theil 1950, Sen 1968), which is robust against a few outliers.
-    #[must_use]
     pub fn of(series: &[(Timestamp, f64)]) -> Self {
         let values: Vec<f64> = series.iter().map(|(_, value)| *value).collect();
         let latest_values = &values[values.len().saturating_sub(SMOOTHED_OVER)..];

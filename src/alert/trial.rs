@@ -11,7 +11,6 @@ use armwatch_config::{AlertSettings, Route};
 use armwatch_model::anomaly::Severity;
 
 /// Problems that prevent routes from working as configured, by route name.
-#[must_use]
 pub fn problems(settings: &AlertSettings) -> Vec<(String, Unusable)> {
     let problem = |route: &Route| Some((route.name.clone(), open(route).err()?));
     settings.routes.iter().filter_map(problem).collect()

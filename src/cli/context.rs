@@ -64,7 +64,6 @@ pub struct Global {
 
 impl Global {
     /// The same options with the configuration file that is found now.
-    #[must_use]
     pub fn pinned(&self) -> Self {
         let config = match ConfigSource::locate(self.config.as_deref()) {
             ConfigSource::Argument(path)
@@ -118,7 +117,6 @@ pub enum CliError {
 
 impl CliError {
     /// Exit status of the process.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Config(_) | Self::Usage(_) => EXIT_USAGE,

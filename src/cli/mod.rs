@@ -79,14 +79,12 @@ pub struct Cli {
 impl Cli {
     /// The command line of this process; ends the process if it is wrong or asks for help, and after the answer to a shell
     /// that completes a line.
-    #[must_use]
     pub fn of_process() -> Self {
         completions::answer(Self::dressed_command);
         parsed()
     }
 
     /// All commands with their help as displayed.
-    #[must_use]
     pub fn dressed_command() -> clap::Command {
         help::dressed(Self::command())
     }
@@ -94,7 +92,6 @@ impl Cli {
 
 /// The command line of this process as `C`, with help and errors as displayed; ends the process if it is wrong or asks
 /// for help.
-#[must_use]
 pub fn parsed<C: Parser>() -> C {
     let mut command = help::dressed(C::command());
     let matches = command
@@ -244,7 +241,6 @@ Examples:
 }
 
 /// Runs a command and returns the exit status of the process.
-#[must_use]
 pub fn run(cli: Cli) -> ExitCode {
     // one-shot commands print their results; -v enables their logs
     let usual_verbosity = match cli.command {
@@ -257,7 +253,6 @@ pub fn run(cli: Cli) -> ExitCode {
 
 /// Runs `command` with the logs that `global` requests, `usual_verbosity` without -v and -q, and returns the exit
 /// status of the process.
-#[must_use]
 pub fn execute(
     global: &Global,
     usual_verbosity: i8,

@@ -58,7 +58,6 @@ struct Watched {
 
 impl Disks {
     /// Watches the disks of a configuration. `stop` requests an attempt at once.
-    #[must_use]
     pub fn watch(config: &Config, metrics: Metrics, stop: CancellationToken) -> Self {
         let spool =
             config.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &*upload.spool);

@@ -147,7 +147,6 @@ pub struct FileSchedule {
 
 impl FileSchedule {
     /// Creates a schedule that knows only the files that were `begun` earlier; files settle in `settle`.
-    #[must_use]
     pub fn new(settle: Duration, begun: HashMap<PathBuf, KnownFile>) -> Self {
         Self {
             settle,
@@ -267,13 +266,11 @@ impl FileSchedule {
     }
 
     /// Number of growing files that wait to be read.
-    #[must_use]
     pub fn growing_waiting(&self) -> usize {
         self.growing.len()
     }
 
     /// Number of settled files that wait to be read and whose size in bytes is wanted.
-    #[must_use]
     pub fn settled_waiting(&self, is_wanted: impl Fn(u64) -> bool) -> usize {
         let waiting = self.settled.values().flatten().filter_map(|(_, path)| self.entries.get(path));
         waiting.filter(|entry| is_wanted(entry.seen.size)).count()
@@ -307,7 +304,6 @@ impl FileSchedule {
     }
 
     /// Returns true if settled files of a lane wait.
-    #[must_use]
     pub fn has_settled(&self, lane: &str) -> bool {
         self.settled.get(lane).is_some_and(|queue| !queue.is_empty())
     }
@@ -321,7 +317,6 @@ impl FileSchedule {
     }
 
     /// Number of files of the latest scan that are not read yet and are not skipped at `now`.
-    #[must_use]
     pub fn waiting(&self, now: Instant) -> usize {
         let rests = |entry: &Entry| entry.rests_until.is_some_and(|end| now < end);
         self.entries.values().filter(|entry| !rests(entry)).count()

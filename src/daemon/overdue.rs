@@ -37,7 +37,6 @@ pub struct OverdueWatch {
 
 impl OverdueWatch {
     /// Starts watching, until `stop` is cancelled.
-    #[must_use]
     pub fn start(store: Store, stop: CancellationToken) -> Self {
         let (news, heard) = mpsc::unbounded_channel();
         Self { news, task: tokio::spawn(look(store, stop, heard)) }

@@ -90,7 +90,6 @@ pub struct FilePlaces {
 
 impl FilePlaces {
     /// Returns true if another file may be read, of `most`.
-    #[must_use]
     pub fn has_free(&self, most: usize, now: Instant) -> bool {
         let catching_up = self.reading(now).filter(|holder| holder.caught_up_after.is_none()).count();
         !self.are_taken(most, now) && catching_up < CATCHING_UP
@@ -103,13 +102,11 @@ impl FilePlaces {
     }
 
     /// Files that have a place.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.holders.len()
     }
 
     /// Returns true if all of `most` places are taken.
-    #[must_use]
     pub fn are_taken(&self, most: usize, now: Instant) -> bool {
         self.reading(now).count() >= most
     }
@@ -166,7 +163,6 @@ impl FilePlaces {
     }
 
     /// Time of the next change without an event: the end of a turn, or a read that begins to hang.
-    #[must_use]
     pub fn next_look(&self, waiting: bool, now: Instant) -> Option<Instant> {
         let turns = self.holders.values().map(Holder::turn_ends).filter(|end| waiting && *end > now);
         let readings = self.holders.values().filter_map(|holder| {

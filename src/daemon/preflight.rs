@@ -34,7 +34,6 @@ pub struct Preflight {
 }
 
 /// Checks the machine for everything that `config` names: database, folders and token.
-#[must_use]
 pub fn preflight(config: &Config) -> Preflight {
     let mut found = Preflight::default();
     if config.database.is_dir() {

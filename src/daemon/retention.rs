@@ -28,7 +28,6 @@ pub struct Pruning {
 impl Pruning {
     /// Removes factors now and once per day, with the configuration in force then, until `stop` is cancelled. If the
     /// latest export is more than a month old by the clock, the first removal waits for a day.
-    #[must_use]
     pub fn start(store: Store, configs: watch::Receiver<Arc<Config>>, stop: CancellationToken) -> Self {
         Self { task: tokio::spawn(look(store, configs, stop)) }
     }

@@ -22,7 +22,6 @@ pub struct Snapshots {
 impl Snapshots {
     /// Writes a copy now, and another each time conclusions were drawn since the last, until `stop` is cancelled; then
     /// a last one if it is due.
-    #[must_use]
     pub fn start(
         store: Store,
         settings: SnapshotSettings,

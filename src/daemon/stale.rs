@@ -122,13 +122,11 @@ impl Stale {
     }
 
     /// Number of robots that wait for conclusions.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.waiting.len()
     }
 
     /// When a pause or the longest delay ends.
-    #[must_use]
     pub fn next_look(&self, now: Instant) -> Option<Instant> {
         let moments = self.waiting.values().map(|waiting| match waiting.rests_until {
             Some(end) if end > now => end,

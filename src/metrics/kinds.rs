@@ -1,31 +1,19 @@
 //! Values of labels: stages, disks, queues and ends of exports.
 
-/// Work on an export.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WorkStage {
-    /// Its rows are read and cut into a cycle.
-    Read,
-    /// A cycle is analysed.
-    Analyse,
-    /// A cycle is stored.
-    Record,
-    /// The results of the whole run are computed and stored.
-    Finish,
-    /// The conclusions from the robot's history are drawn and stored.
-    Conclude,
-}
-
-impl WorkStage {
-    pub(super) const ALL: [Self; 5] = [Self::Read, Self::Analyse, Self::Record, Self::Finish, Self::Conclude];
-
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Analyse => "analyse",
-            Self::Record => "record",
-            Self::Finish => "finish",
-            Self::Conclude => "conclude",
-        }
+armwatch_model::named_enum! {
+    /// Work on an export.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum WorkStage {
+        /// Its rows are read and cut into a cycle.
+        Read = "read",
+        /// A cycle is analysed.
+        Analyse = "analyse",
+        /// A cycle is stored.
+        Record = "record",
+        /// The results of the whole run are computed and stored.
+        Finish = "finish",
+        /// The conclusions from the robot's history are drawn and stored.
+        Conclude = "conclude",
     }
 }
 
@@ -42,7 +30,6 @@ pub enum Disk {
 
 impl Disk {
     /// Its name in the metrics.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Database => "database",
@@ -52,7 +39,6 @@ impl Disk {
     }
 
     /// Its content, in messages.
-    #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::Database => "the database",
@@ -62,7 +48,6 @@ impl Disk {
     }
 
     /// The consequence while it does not answer, in messages.
-    #[must_use]
     pub const fn consequence(self) -> &'static str {
         match self {
             Self::Database => "nothing is stored until it does",
@@ -72,55 +57,32 @@ impl Disk {
     }
 }
 
-/// Queue that files wait in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Queue {
-    /// Files that are read as they grow.
-    Growing,
-    /// Settled files that are read within seconds.
-    Small,
-    /// Larger settled files.
-    Large,
-}
-
-impl Queue {
-    pub(super) const ALL: [Self; 3] = [Self::Growing, Self::Small, Self::Large];
-
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Growing => "growing",
-            Self::Small => "small",
-            Self::Large => "large",
-        }
+armwatch_model::named_enum! {
+    /// Queue that files wait in.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Queue {
+        /// Files that are read as they grow.
+        Growing = "growing",
+        /// Settled files that are read within seconds.
+        Small = "small",
+        /// Larger settled files.
+        Large = "large",
     }
 }
 
-/// Outcome of an export.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ExportEnd {
-    /// Every cycle is stored.
-    Stored,
-    /// Its content was known before, as stored or as not understood.
-    Known,
-    /// It was not understood.
-    Quarantined,
-    /// It is examined again later: it changed, could not be read, or the program stops.
-    Later,
-    /// The program failed over it.
-    Failed,
-}
-
-impl ExportEnd {
-    pub(super) const ALL: [Self; 5] =
-        [Self::Stored, Self::Known, Self::Quarantined, Self::Later, Self::Failed];
-
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Stored => "stored",
-            Self::Known => "known",
-            Self::Quarantined => "quarantined",
-            Self::Later => "later",
-            Self::Failed => "failed",
-        }
+armwatch_model::named_enum! {
+    /// Outcome of an export.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum ExportEnd {
+        /// Every cycle is stored.
+        Stored = "stored",
+        /// Its content was known before, as stored or as not understood.
+        Known = "known",
+        /// It was not understood.
+        Quarantined = "quarantined",
+        /// It is examined again later: it changed, could not be read, or the program stops.
+        Later = "later",
+        /// The program failed over it.
+        Failed = "failed",
     }
 }

@@ -84,7 +84,6 @@ impl ReadAhead {
     }
 
     /// Cancelled once the last row is read: the next export may then be read ahead, without more memory.
-    #[must_use]
     pub fn has_read(&self) -> CancellationToken {
         self.has_read.clone()
     }
@@ -107,7 +106,6 @@ impl ExportsAhead {
 impl Pipeline {
     /// Starts to read `exports` ahead, in their order. Each starts once all rows of the one before are read. At most
     /// `cycles_in_analysis` exports are read ahead of the requested one.
-    #[must_use]
     pub fn read_all_ahead(
         &self,
         exports: &[PathBuf],

@@ -161,7 +161,6 @@ impl StoredRun {
 
 impl Outcome {
     /// The run that contains the export, if its treatment is final.
-    #[must_use]
     pub fn run_id(&self) -> Option<i64> {
         match self {
             Self::Stored(run) => Some(run.run_id),

@@ -35,13 +35,11 @@ const CYCLE_BYTES: usize = 4 << 10;
 const HALVES_IN_ANALYSIS: usize = 5;
 
 /// Rows of the longest cycle whose analysis stays within `most` bytes, if a row takes `row_bytes`.
-#[must_use]
 pub fn most_rows(most: usize, row_bytes: usize) -> usize {
     most / (row_bytes.max(1) * HALVES_IN_ANALYSIS) * 2
 }
 
 /// Bytes that the analysis of a cycle of `rows` rows takes.
-#[must_use]
 pub fn bytes_of_rows(rows: usize, row_bytes: usize) -> usize {
     rows * row_bytes / 2 * HALVES_IN_ANALYSIS
 }
@@ -88,7 +86,6 @@ pub struct RecordingTurn(Arc<AtomicBool>);
 
 impl RecordingTurn {
     /// The turn of an export that is recorded during reading.
-    #[must_use]
     pub fn come() -> Self {
         Self(Arc::new(AtomicBool::new(true)))
     }
@@ -127,19 +124,16 @@ impl SharedCycles {
 
 impl CycleMemory {
     /// Creates a memory with a bound of `most` bytes.
-    #[must_use]
     pub fn new(most: usize) -> Self {
         Self { most, idle: IDLE, shared: Arc::default() }
     }
 
     /// The same memory with another bound, for exports from now on.
-    #[must_use]
     pub fn up_to(&self, most: usize) -> Self {
         Self { most, ..self.clone() }
     }
 
     /// Adds an export, whose cycle has no row yet.
-    #[must_use]
     pub fn enter(&self, turn: RecordingTurn) -> OpenCycle {
         let mut state = self.lock();
         let id = state.next;
@@ -149,7 +143,6 @@ impl CycleMemory {
     }
 
     /// Adds a cut cycle.
-    #[must_use]
     pub fn hold(&self, cycle: &Cycle) -> HeldCycle {
         let bytes = CYCLE_BYTES + cycle.samples.rows() * cycle.samples.row_bytes();
         self.lock().cut += bytes;

@@ -51,7 +51,6 @@ use armwatch_store::{SourceState, Store, StoreError};
 
 impl Pipeline {
     /// Creates a pipeline into `store`.
-    #[must_use]
     pub fn new(config: Arc<Config>, store: Store) -> Self {
         let places = [(); 2].map(|()| Arc::new(Semaphore::new(analysis_threads())));
         let memory = CycleMemory::new(config.limits.cycles_bytes);
@@ -70,7 +69,6 @@ impl Pipeline {
     }
 
     /// The same pipeline, with `access` for opening files.
-    #[must_use]
     pub fn opening(&self, access: &FileAccess) -> Self {
         Self { access: access.clone(), ..self.clone() }
     }
@@ -94,13 +92,11 @@ impl Pipeline {
     }
 
     /// The metrics of the pipeline.
-    #[must_use]
     pub fn metrics(&self) -> &Metrics {
         &self.metrics
     }
 
     /// The same pipeline with another configuration, for exports from now on.
-    #[must_use]
     pub fn with_config(&self, config: Arc<Config>) -> Self {
         // structure analyses contain the settings of `[analysis]`
         let methods = match config.analysis == self.config.analysis {
@@ -112,19 +108,16 @@ impl Pipeline {
     }
 
     /// The configuration that the pipeline follows.
-    #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
     }
 
     /// The same configuration, shared.
-    #[must_use]
     pub fn shared_config(&self) -> Arc<Config> {
         Arc::clone(&self.config)
     }
 
     /// The database that the pipeline fills.
-    #[must_use]
     pub fn store(&self) -> &Store {
         &self.store
     }
@@ -459,7 +452,6 @@ impl Pipeline {
     }
 
     /// Returns true if an export of the run is being read.
-    #[must_use]
     pub fn is_open(&self, run_id: i64) -> bool {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).contains(&run_id)
     }

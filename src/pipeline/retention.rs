@@ -24,7 +24,6 @@ const CYCLES_AT_ONCE: usize = 200;
 const PAUSE: Duration = Duration::from_millis(10);
 
 /// The earliest time of kept factors, at the time `now`.
-#[must_use]
 pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
     const DAY_S: f64 = 86_400.0;
     let before = |days: f64| {

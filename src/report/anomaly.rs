@@ -28,7 +28,6 @@ pub struct EvidencePoint {
 
 /// Draws the tests in two panels, one colour per joint if there are several; `seen` are the days from onset to the
 /// latest test that showed the anomaly.
-#[must_use]
 pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, subtitle: String) -> Figure {
     let mut joints: Vec<JointIndex> = tests.iter().map(|test| test.joint).collect();
     joints.sort_unstable();

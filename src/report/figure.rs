@@ -249,7 +249,6 @@ pub const RAMP: [(&str, &str); 9] = [
 ];
 
 /// Colour of the item at index `place` of `count` ordered ones.
-#[must_use]
 pub fn ramp(place: usize, count: usize) -> usize {
     let last = RAMP.len() - 1;
     COLOURS.len() + if count > 1 { (place * last / (count - 1)).min(last) } else { last / 2 }
@@ -267,13 +266,11 @@ pub const ESTIMATED: usize = 1;
 pub const RESIDUAL: usize = 2;
 
 /// A time as a value of a date axis: days since the start of 1970.
-#[must_use]
 pub fn day(time: Timestamp) -> f64 {
     time.as_second() as f64 / 86_400.0
 }
 
 /// Smallest and largest finite value; `None` if there is none.
-#[must_use]
 pub fn extent(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     values.into_iter().filter(|value| value.is_finite()).fold(None, |found, value| match found {
         None => Some((value, value)),

@@ -16,7 +16,6 @@ const CURVE_POINTS: usize = 120;
 
 /// Draws the magnitude of friction over the minutes of a run, and the curves fitted to it. Levels have
 /// the same colour in all panels, from the slowest to the fastest.
-#[must_use]
 pub fn friction_figure(
     points: &[FrictionPoint],
     fits: &[WarmUpFit],
@@ -52,7 +51,6 @@ pub struct CyclePoints {
 
 /// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the last and
 /// others evenly between them, as many as there are colours. The subtitle lists the omitted ones.
-#[must_use]
 pub fn friction_speed_figure(cycles: &[CyclePoints], title: String, subtitle: String) -> Figure {
     let shown = evenly(cycles, RAMP.len());
     let subtitle = subtitle + &left_out(cycles, &shown, |cycle| &cycle.label);
@@ -91,7 +89,6 @@ pub struct RunCurves {
 /// four tests of a robot: one panel per joint, one colour per run. If there are more runs than colours, the first, the
 /// last and others evenly between them are drawn; the subtitle lists the omitted ones. Points are means of both
 /// directions.
-#[must_use]
 pub fn run_comparison_figure(runs: &[RunCurves], title: String, subtitle: String) -> Figure {
     let shown = evenly(runs, RAMP.len());
     let subtitle = subtitle + &left_out(runs, &shown, |run| &run.label);

@@ -48,7 +48,6 @@ pub struct IndexLimits {
 }
 
 /// Draws one panel per joint.
-#[must_use]
 pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, subtitle: String) -> Figure {
     let runs = || joints.iter().flat_map(|joint| &joint.runs);
     let values =

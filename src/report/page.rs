@@ -81,7 +81,6 @@ pub enum TableCell {
 
 impl Page {
     /// The page as HTML, which is also well-formed XML. It follows the reader's light or dark setting and prints on A4.
-    #[must_use]
     pub fn html(&self) -> String {
         let mut body = format!("<header>\n<h1>{}</h1>\n", xml(&self.title));
         if !self.subtitle.is_empty() {
@@ -100,7 +99,6 @@ impl Page {
 
 impl Figure {
     /// The picture as a self-contained HTML page. On narrow screens its panels are below each other.
-    #[must_use]
     pub fn html(&self) -> String {
         let mut body = format!("<header>\n<h1>{}</h1>\n</header>\n<main>\n", xml(&self.title));
         write_figure(&mut body, self, &self.subtitle);
@@ -213,7 +211,6 @@ fn write_figure(body: &mut String, figure: &Figure, words: &str) {
 
 impl StatusWord {
     /// A word with its colour.
-    #[must_use]
     pub fn new(word: impl Into<String>, level: FigureLevel) -> Self {
         Self { word: word.into(), level }
     }

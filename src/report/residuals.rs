@@ -17,7 +17,6 @@ pub struct CycleResidual {
 }
 
 /// Draws the residuals over the cycles.
-#[must_use]
 pub fn residual_figure(residuals: &[CycleResidual], title: String, subtitle: String) -> Figure {
     let joints: BTreeSet<JointIndex> = residuals.iter().map(|of| of.joint).collect();
     let panel = |joint: JointIndex| Panel {

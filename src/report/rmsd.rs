@@ -44,7 +44,6 @@ pub struct CycleVerification {
 
 /// Draws the relative RMSD of the moving rows over the cycles, in per cent, on a logarithmic axis: a cold first cycle
 /// may have ten times the RMSD of the others. All joints have the same scale.
-#[must_use]
 pub fn rmsd_figure(
     cycles: &[CycleVerification],
     limits: RmsdLimits,
@@ -153,7 +152,6 @@ pub struct RunRmsd {
 
 /// Draws the relative RMSD of the excitation stages over the runs of a robot: one panel per joint, all with the same
 /// scale.
-#[must_use]
 pub fn run_rmsd_figure(
     runs: &[RunRmsd],
     limits: RmsdLimits,

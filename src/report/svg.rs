@@ -29,7 +29,6 @@ const SUBTITLE_LINE: f64 = 18.0;
 
 impl Figure {
     /// The picture as an SVG file that needs no other file and follows the reader's light or dark setting.
-    #[must_use]
     pub fn svg(&self) -> String {
         document(self)
     }

@@ -29,7 +29,6 @@ pub struct TorqueView {
 
 /// Draws the part of a cycle's torques that `view` selects. The RMSD in the titles covers all counted rows of the
 /// scope.
-#[must_use]
 pub fn torque_figure(
     robot: &Robot,
     series: &TorqueSeries,

@@ -12,7 +12,6 @@ const POINTS: u32 = 250;
 
 /// Draws positions, velocities and accelerations of all joints over one period, each in per cent of its limit, and the
 /// resulting values of a search's starts.
-#[must_use]
 pub fn trajectory_figure(
     robot: &Robot,
     series: &FourierExcitation,
@@ -34,7 +33,6 @@ pub fn trajectory_figure(
 
 /// Draws positions, velocities and accelerations of all joints over any motion, each in per cent of its limit. `states`
 /// has `[q, qd, qdd]` of each joint at each of the `times`, s.
-#[must_use]
 pub fn motion_figure(
     robot: &Robot,
     times: &[f64],

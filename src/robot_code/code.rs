@@ -21,7 +21,6 @@ pub struct TorqueCode {
 impl TorqueCode {
     /// Code of `robot` with the given parameters. Missing parameters of the robot are zero; none may appear twice.
     /// `name` is converted to an identifier.
-    #[must_use]
     pub fn new(robot: &Robot, parameters: &[CodeParameter], name: &str, origin: &CodeOrigin) -> Self {
         let programs = TorquePrograms::new(robot, parameters);
         let header = header::lines(robot, &programs, origin);
@@ -30,7 +29,6 @@ impl TorqueCode {
     }
 
     /// Source, self-check and test vectors.
-    #[must_use]
     pub fn files(&self, language: CodeLanguage) -> Vec<SourceFile> {
         let mut files = languages::files(language, &self.name, &self.header, &self.programs);
         files.push(SourceFile { name: "vectors.csv".to_owned(), text: self.vectors.csv() });
@@ -38,14 +36,12 @@ impl TorqueCode {
     }
 
     /// Sums, differences, products and quotients of a call.
-    #[must_use]
     pub fn operations(&self) -> usize {
         header::cost(&self.programs).operations
     }
 
     /// Largest difference between the expressions of the code and the test vectors, as a fraction of the joint's scale
     /// ([`TestVectors::torque_scales`]).
-    #[must_use]
     pub fn largest_difference(&self) -> f64 {
         self.vectors.largest_difference(|of| self.programs.torque_at(&of.q, &of.qd, &of.qdd))
     }

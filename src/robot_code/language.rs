@@ -1,28 +1,15 @@
 //! Languages that code is written in, and generated files.
 
-/// A language of generated code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CodeLanguage {
-    /// C99, with a header that C++ reads too.
-    C,
-    /// Rust without crates.
-    Rust,
-    /// Python 3 without packages.
-    Python,
-}
-
-impl CodeLanguage {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::C, Self::Rust, Self::Python];
-
-    /// Name on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::C => "c",
-            Self::Rust => "rust",
-            Self::Python => "python",
-        }
+armwatch_model::named_enum! {
+    /// A language of generated code.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum CodeLanguage {
+        /// C99, with a header that C++ reads too.
+        C = "c",
+        /// Rust without crates.
+        Rust = "rust",
+        /// Python 3 without packages.
+        Python = "python",
     }
 }
 

@@ -33,7 +33,6 @@ impl TestVectors {
     /// A fixed sequence of states within the limits of the arm, and the regressor's torques for them. One of four
     /// states is random, one at rest, one slow in all joints, and in one a joint rests while the others move; one of
     /// eight has neither speed nor acceleration.
-    #[must_use]
     pub fn of(robot: &Robot, parameters: &[CodeParameter]) -> Self {
         let value = |id: &ParameterId| parameters.iter().find(|of| of.id == *id).map_or(0.0, |of| of.value);
         let phi: Vec<f64> = ParameterId::natural_order(robot).iter().map(value).collect();
@@ -53,7 +52,6 @@ impl TestVectors {
     }
 
     /// Largest torque of each joint, Nm (N).
-    #[must_use]
     pub fn largest_torques(&self) -> Vec<f64> {
         let largest = |j: usize| self.tau.iter().map(|tau| tau[j].abs()).fold(0.0, f64::max);
         (0..self.kinds.len()).map(largest).collect()
@@ -61,7 +59,6 @@ impl TestVectors {
 
     /// Scale of each joint's torque, Nm (N): its largest torque, at least a hundredth of the arm's largest torque; 1 if
     /// no joint has a torque.
-    #[must_use]
     pub fn torque_scales(&self) -> Vec<f64> {
         let largest = self.largest_torques();
         let of_arm = largest.iter().copied().fold(0.0, f64::max);
@@ -71,7 +68,6 @@ impl TestVectors {
 
     /// Largest difference from the torques of another method, as a fraction of the joint's scale. NaN if a torque is
     /// NaN.
-    #[must_use]
     pub fn largest_difference(&self, torque: impl Fn(&JointState) -> Vec<f64>) -> f64 {
         let scale = self.torque_scales();
         let of_state = |(state, tau): (&JointState, &Vec<f64>)| {
@@ -83,7 +79,6 @@ impl TestVectors {
     }
 
     /// The table: `q_1_rad..`, `qd_1_rad_s..`, `qdd_1_rad_s2..`, `tau_1_nm..`, every digit written.
-    #[must_use]
     pub fn csv(&self) -> String {
         let mut text = self.header();
         text.push('\n');

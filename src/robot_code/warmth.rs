@@ -16,13 +16,11 @@ pub struct WarmUpCurves {
 impl WarmUpCurves {
     /// Curves of the friction points of whole recordings, one recording after another; `minutes` are the middles of the
     /// chosen cycles, min since the start of their recording.
-    #[must_use]
     pub fn new(points: &[FrictionPoint], minutes: Vec<f64>) -> Self {
         Self { fits: warm_up_fits(points), minutes }
     }
 
     /// First and last middle of the chosen cycles, min; `None` without cycles.
-    #[must_use]
     pub fn minutes(&self) -> Option<[f64; 2]> {
         let first = self.minutes.iter().copied().reduce(f64::min)?;
         let last = self.minutes.iter().copied().reduce(f64::max)?;
@@ -30,14 +28,12 @@ impl WarmUpCurves {
     }
 
     /// Last minute with a measured friction of any joint; `None` without curves.
-    #[must_use]
     pub fn last_minute(&self) -> Option<f64> {
         self.fits.iter().map(|fit| fit.record[1]).reduce(f64::max)
     }
 
     /// Friction of a joint at a minute, as a multiple of its mean in the chosen cycles: the mean over the speed levels.
     /// `None` if no level has a curve, or a curve gives no positive friction.
-    #[must_use]
     pub fn relative_friction(&self, joint: JointIndex, minute: f64) -> Option<f64> {
         let ratio = |fit: &WarmUpFit| {
             let chosen: f64 = self.minutes.iter().map(|&chosen| warm_up_torque(fit, chosen)).sum();

@@ -32,7 +32,6 @@ pub struct Shortage {
 impl Reserve {
     /// The reserve on the disks of the spool and of the database, unless the database is on a server. `bytes` applies
     /// to each disk; by default it is 5 % of the disk and at most 1 GiB.
-    #[must_use]
     pub fn new(spool: &Path, database: Option<&Path>, bytes: Option<u64>) -> Self {
         let mut folders = vec![("the spool", spool.to_owned())];
         if let Some(database) = database {

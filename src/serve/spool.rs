@@ -107,7 +107,6 @@ impl Drop for Claim {
 
 impl Spool {
     /// A folder on a disk with reserved free space. One client writes at most `most_of_one` uploads at once.
-    #[must_use]
     pub fn new(folder: &Path, reserve: Reserve, most_of_one: usize) -> Self {
         Self {
             folder: folder.to_owned(),
@@ -212,7 +211,6 @@ impl Spool {
     }
 
     /// Path of the finished upload with this name.
-    #[must_use]
     pub fn place(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
@@ -379,7 +377,6 @@ impl Claim {
     }
 
     /// Bytes of the whole export, if an earlier request gave them.
-    #[must_use]
     pub fn total(&self) -> Option<u64> {
         self.total
     }

@@ -28,7 +28,6 @@ pub struct MjcfFriction {
 
 /// Friction of a joint, `factor` times that of the model. An offset of the torque is no friction: it is not multiplied, and
 /// a part of the difference.
-#[must_use]
 pub fn mjcf_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex, factor: f64) -> MjcfFriction {
     let StraightFriction { damping, friction } = straight_friction(robot, model, joint);
     let line = StraightFriction { damping: factor * damping, friction: factor * friction };
@@ -44,7 +43,6 @@ pub fn mjcf_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex, fac
 
 /// The MuJoCo file of an arm with the friction `[n]` of its joints, and `comments` at its head. Numbers have all their
 /// digits.
-#[must_use]
 pub fn mjcf_text(
     robot: &Robot,
     model: &DynamicModel,

@@ -183,8 +183,7 @@ fn one_command_beside_the_daemon_loses_and_doubles_nothing() {
     ingest(&workshop, &own);
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 12);
     workshop.wait_for_conclusions();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.query(rows), expected);
 
     let doubled = "SELECT anomaly_id, what FROM (
@@ -213,12 +212,10 @@ fn a_daemon_ends_shelving_and_says_what_happened() {
     workshop.wait_for("SELECT count(*) FROM anomaly_history WHERE what = 'unshelved'", 1);
     workshop.wait_for("SELECT count(*) FROM anomalies WHERE joint = 3 AND state = 'open'", 1);
     workshop.wait_until(|| workshop.log().contains("unshelved"));
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     let again = workshop.daemon();
     workshop.wait_until(|| workshop.log().contains("`armwatch alerts list` shows them"));
-    again.signal("TERM");
-    assert_eq!(again.end(), Some(0));
+    again.stop();
     assert_eq!(workshop.number("SELECT count(*) FROM anomaly_history WHERE what = 'unshelved'"), 1);
 }
 
@@ -228,12 +225,7 @@ fn a_complete_run_is_taken_anew_from_its_export_with_its_number() {
     let export = workshop.add_reference("inbox");
     let description = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/er3a.toml"));
     let description = description.expect("the description");
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("read");
-    let lines = config.lines().map(|line| match line.starts_with("description = ") {
-        true => "description = \"arm.toml\"",
-        false => line,
-    });
-    fs::write(workshop.path("armwatch.toml"), lines.collect::<Vec<_>>().join("\n") + "\n").expect("written");
+    workshop.use_file("description", "arm.toml");
     fs::write(workshop.path("arm.toml"), &description).expect("written");
     workshop.stdout(&["ingest", "inbox"], 0);
     let before = workshop.dump();

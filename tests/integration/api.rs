@@ -37,8 +37,7 @@ impl Served {
             .expect("written");
         fs::write(workshop.path("token"), TOKEN).expect("a token");
         fs::write(workshop.path("screen"), "token-of-a-screen-0123").expect("a token");
-        let export = export("A", 1, 5);
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export("A", 1, 5));
         workshop.stdout(&["ingest", "inbox"], 0);
         let daemon = workshop.daemon();
         let served = Self { workshop, daemon, port };
@@ -394,8 +393,7 @@ fn a_page_hears_of_a_change_and_the_stream_ends_with_the_daemon() {
     std::thread::scope(|scope| {
         scope.spawn(|| {
             for day in 6..20 {
-                let export = export("A", day, day);
-                fs::write(served.workshop.inbox(&export.name), &export.bytes).expect("written");
+                served.workshop.add(&export("A", day, day));
                 crate::support::pass(Duration::from_millis(300));
             }
         });

@@ -23,8 +23,7 @@ fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
     // a copy of a stored export is moved too, like one left by a crash between copy and removal
     fs::write(&source, &bytes).expect("again");
     wait_until(|| !source.exists(), || "the copy is not moved".into());
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(workshop.inbox("Bad_20260105_0847.csv").exists());
     assert_eq!(workshop.query(COMPLETE_RUNS), ["1"]);
     // commands that read rows again find them in the archive
@@ -46,8 +45,7 @@ fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
         fs::write(&source, &export.bytes).expect("an export");
         workshop.wait_for(COMPLETE_RUNS, complete);
         wait_until(|| !source.exists(), || "the export is not moved".to_owned());
-        daemon.signal("TERM");
-        assert_eq!(daemon.end(), Some(0));
+        daemon.stop();
     };
     take(&exports[0], 1);
     let database = workshop.path("armwatch.db");
@@ -63,16 +61,14 @@ fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
     let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE_RUNS, 3);
     workshop.wait_for_conclusions();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.query("SELECT DISTINCT robot FROM runs"), ["A"]);
     assert_eq!(workshop.query("SELECT count(*) FROM runs WHERE source_name LIKE '%~%'"), ["0"]);
     assert!(workshop.log().contains("in the archive, but not in the database"), "{}", workshop.log());
     // nothing is taken twice
     let daemon = workshop.daemon();
     workshop.wait_for_a_look();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.query("SELECT count(*) FROM runs"), ["3"]);
 }
 
@@ -97,34 +93,28 @@ fn large_exports_do_not_hold_up_small_ones_of_other_robots() {
     let small = ["C", "D", "E"].map(|robot| made(robot, "1"));
     assert!(large.iter().all(|bytes| small.iter().all(|small| small < bytes)), "{small:?} {large:?}");
     let limits = format!("[limits]\nbacklog_files = 1\nlarge_file_bytes = {}\n\n", large[0].min(large[1]));
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, limits + &config).expect("it");
+    workshop.configure(|config| limits + &config);
     let daemon = workshop.daemon();
     let small = format!("{COMPLETE_RUNS} AND robot IN ('C', 'D', 'E')");
     workshop.wait_for(&small, 3);
     // the second large one is not read by then
     assert!(workshop.number(COMPLETE_RUNS) <= 4, "{:?}", workshop.query("SELECT robot, status FROM runs"));
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]
 fn exports_that_wait_for_room_come_to_the_same_results() {
     let free = Workshop::new();
     let bounded = Workshop::new();
-    let path = bounded.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
     let limits = "[limits]\nbacklog_files = 4\nlarge_file_bytes = 1\ncycles_max_bytes = 7500000\n\n";
-    fs::write(&path, format!("{limits}{config}")).expect("it");
+    bounded.configure(|config| format!("{limits}{config}"));
     let results = [&free, &bounded].map(|workshop| {
         for robot in ["A", "B", "C", "D"] {
             workshop.simulate("inbox", &["--warming-s", "5", "--name", robot, "--cycles", "3", "--rate-hz", "100"]);
         }
         let daemon = workshop.daemon();
         workshop.wait_for(COMPLETE_RUNS, 4);
-        daemon.signal("TERM");
-        assert_eq!(daemon.end(), Some(0));
+        daemon.stop();
         workshop.query(
             "SELECT robot, cycle, joint, parameter, value FROM cycle_parameters ORDER BY robot, cycle, joint, parameter",
         )
@@ -176,8 +166,7 @@ fn a_folder_of_very_many_files_takes_little_memory() {
         // by then every file was scanned twice and is queued
         workshop.wait_for("SELECT count(*) >= 20 FROM quarantine", 1);
         let peak = peak_kb(daemon.child.id()).expect("its peak");
-        daemon.signal("TERM");
-        assert_eq!(daemon.end(), Some(0));
+        daemon.stop();
         peak
     };
     let (few, many) = (peak(100), peak(files));

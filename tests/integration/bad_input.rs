@@ -238,12 +238,7 @@ fn bad_rows_within_the_bound_of_the_layout_are_passed_over_counted_and_said() {
         std::fs::read_to_string(format!("{}/config/exports/native.toml", env!("CARGO_MANIFEST_DIR")));
     let layout = native.expect("a layout") + "\n[rows]\nskip_bad = 3\n";
     std::fs::write(workshop.path("layout.toml"), layout).expect("a layout");
-    let config = std::fs::read_to_string(workshop.path("armwatch.toml")).expect("a configuration");
-    let config: Vec<&str> = config
-        .lines()
-        .map(|l| if l.starts_with("layout") { "layout = \"layout.toml\"" } else { l })
-        .collect();
-    std::fs::write(workshop.path("armwatch.toml"), config.join("\n") + "\n").expect("a configuration");
+    workshop.use_file("layout", "layout.toml");
     assert!(workshop.stdout(&["config", "check"], 0).contains("up to 3 bad rows skipped"));
     let said = workshop.stdout(&["explain", "inbox/Bad_20260105_0847.csv"], 0);
     assert!(said.contains("3 bad rows are skipped") && said.contains("line 4001: line too short"), "{said}");

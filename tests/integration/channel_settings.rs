@@ -13,14 +13,8 @@ fn workshop(layout: &str, description: &str) -> Workshop {
     let workshop = Workshop::new();
     fs::write(workshop.path("layout.toml"), layout).expect("a layout");
     fs::write(workshop.path("robot.toml"), description).expect("a description");
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    let line = |line: &str| match line.split_once(" = ") {
-        Some(("layout", _)) => "layout = \"layout.toml\"".to_owned(),
-        Some(("description", _)) => "description = \"robot.toml\"".to_owned(),
-        _ => line.to_owned(),
-    };
-    fs::write(workshop.path("armwatch.toml"), config.lines().map(|l| line(l) + "\n").collect::<String>())
-        .expect("a configuration");
+    workshop.use_file("layout", "layout.toml");
+    workshop.use_file("description", "robot.toml");
     workshop
 }
 

@@ -185,8 +185,7 @@ fn commands_say_alike_what_is_missing_on_their_line() {
 #[test]
 fn what_is_asked_for_by_a_name_or_number_that_is_not_there_is_refused() {
     let workshop = small::workshop();
-    let export = export("Left", 1, 5);
-    std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export("Left", 1, 5));
     workshop.stdout(&["ingest", "inbox"], 0);
     let cases: [(&[&str], &str); 7] = [
         (&["runs", "--robot", "Nope"], "there is no robot Nope; there are runs of Left"),
@@ -213,7 +212,7 @@ fn what_is_asked_for_by_a_name_or_number_that_is_not_there_is_refused() {
 fn a_known_export_names_its_robot_and_names_of_files_give_a_terminal_no_orders() {
     let workshop = small::workshop();
     let export = export("Left", 1, 5);
-    std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export);
     let evil = "R\u{1b}[31m\u{7}_20260105_0847.csv";
     std::fs::write(workshop.inbox(evil), "time,pos_1\n0,1\n").expect("written");
     let first = workshop.run(&["ingest", "inbox"]);
@@ -272,8 +271,7 @@ fn two_commands_at_once_leave_exports_to_each_other_and_both_come_to_their_summa
     // the seed determines the content
     for (robot, seed) in [("A", 100), ("B", 200)] {
         for day in 5..9 {
-            let export = export(robot, seed + day, day);
-            std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+            workshop.add(&export(robot, seed + day, day));
         }
     }
     // the database exists already, so that neither waits for the other to create it

@@ -4,12 +4,6 @@ use std::fs;
 
 use crate::support::{Workshop, text};
 
-fn configure(workshop: &Workshop, change: impl Fn(String) -> String) {
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(path, change(config)).expect("a configuration");
-}
-
 fn said(workshop: &Workshop, what: &str) -> usize {
     workshop.log().matches(what).count()
 }
@@ -22,7 +16,7 @@ fn a_hangup_reads_the_configuration_again_and_a_wrong_one_changes_nothing() {
     workshop.wait_until(|| said(&workshop, "watching") == 1);
     let sound = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
 
-    configure(&workshop, |config| {
+    workshop.configure(|config| {
         config.replace("settle_s = 0.2", "settle_s = -1").replace("scan_interval_s = 0.1", "scan = 1")
     });
     daemon.signal("HUP");
@@ -49,15 +43,14 @@ fn a_hangup_reads_the_configuration_again_and_a_wrong_one_changes_nothing() {
     workshop.add_reference("second");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete'", 1);
     assert!(workshop.log().contains("`database` has changed") && !workshop.path("other.db").exists());
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]
 fn a_second_daemon_that_serves_is_told_of_the_first_and_not_of_its_port() {
     let workshop = Workshop::new();
     let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
-    configure(&workshop, |config| format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n\n{config}"));
+    workshop.configure(|config| format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n\n{config}"));
     let first = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "serving HTTP") == 1);
     let second = workshop.run(&["run"]);
@@ -65,8 +58,7 @@ fn a_second_daemon_that_serves_is_told_of_the_first_and_not_of_its_port() {
     let message = text(&second.stderr);
     let first_one = format!("another armwatch daemon (process {})", first.child.id());
     assert!(message.contains(&first_one) && !message.contains("serve.listen"), "{message}");
-    first.signal("TERM");
-    assert_eq!(first.end(), Some(0));
+    first.stop();
 }
 
 /// A change of the configuration, and the expected message.
@@ -105,7 +97,7 @@ fn what_run_would_refuse_is_found_by_config_check() {
     for (case, change, says) in cases {
         let workshop = Workshop::new();
         fs::write(workshop.path("short"), "secret\n").expect("written");
-        configure(&workshop, change);
+        workshop.configure(change);
         let check = workshop.run(&["config", "check"]);
         let found = text(&check.stdout);
         assert_eq!(check.status.code(), Some(2), "{case}: {found}");
@@ -131,8 +123,7 @@ fn the_daemon_creates_a_relative_folder_and_no_check_warns_of_it() {
     assert!(workshop.log().contains("created a watched folder"), "{}", workshop.log());
     workshop.add_reference("inbox");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]
@@ -141,7 +132,7 @@ fn a_folder_that_is_not_there_or_lies_in_another_is_warned_of() {
     fs::create_dir(workshop.inbox("left")).expect("a folder");
     let later = workshop.path("later");
     let folders = format!("[\"inbox\", \"inbox/left\", \"{}\"]", later.display());
-    configure(&workshop, |config| config.replace("[\"inbox\"]", &folders));
+    workshop.configure(|config| config.replace("[\"inbox\"]", &folders));
     let check = workshop.stdout(&["config", "check"], 0);
     assert!(check.contains("warning: ") && check.contains("watch.folders[2]"), "{check}");
     let missing = format!("watch.folders[3] = \"{}\": does not exist or is not readable", later.display());
@@ -152,8 +143,7 @@ fn a_folder_that_is_not_there_or_lies_in_another_is_warned_of() {
     fs::create_dir(&later).expect("a folder");
     workshop.add_reference("later");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     let log = workshop.log();
     let missing: Vec<&str> =
         log.lines().filter(|line| line.contains("WARN") && line.contains("later")).collect();

@@ -78,10 +78,10 @@ impl Material {
         let workshop = small::watching_work();
         let [first, second] = &self.rewritten;
         for export in self.whole.iter().chain(&self.growing).chain([first]) {
-            fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+            workshop.add(&export);
         }
         workshop.stdout(&["ingest", "inbox"], 1);
-        fs::write(workshop.inbox(&second.name), &second.bytes).expect("written");
+        workshop.add(&second);
         fs::copy(workshop.inbox(&self.whole[0].name), workshop.inbox(&self.copy)).expect("copied");
         workshop.stdout(&["ingest", "inbox"], 1);
         let database = workshop.path("armwatch.db");
@@ -316,8 +316,7 @@ fn many_kills_change_nothing() {
 /// Time of a daemon on this machine from its start to the first stored cycle of a settled export.
 fn time_to_a_cycle() -> Duration {
     let workshop = small::watching_work();
-    let export = export("A", 1, 5);
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export("A", 1, 5));
     let start = Instant::now();
     let _daemon = workshop.daemon();
     workshop.wait_for("SELECT min(count(*), 1) FROM cycles", 1);

@@ -14,8 +14,7 @@ fn exports_that_appear_are_taken_and_a_stop_is_clean() {
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
     workshop.add_reference("inbox");
     workshop.wait_for(COMPLETE_RUNS, 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(!workshop.path("armwatch.db-wal").exists(), "the log was not taken into the database");
 }
 
@@ -46,8 +45,7 @@ fn a_file_that_is_still_written_is_complete_only_once_it_stands_still() {
     drop(file);
     workshop.wait_for(COMPLETE_RUNS, 1);
     assert_eq!(workshop.query("SELECT status, rows, cycles FROM runs"), ["complete|42545|5"]);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]
@@ -58,8 +56,7 @@ fn a_broken_export_does_not_hold_up_the_others() {
     workshop.add_reference("inbox");
     workshop.wait_for(COMPLETE_RUNS, 1);
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'quarantined'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]
@@ -79,8 +76,7 @@ fn a_stop_in_the_middle_of_a_run_is_continued() {
             stopped.number("SELECT COUNT(*) FROM cycles") > before || stopped.query(COMPLETE_RUNS) == ["1"]
         };
         wait_until(has_more, || format!("after {stops} stops no cycle more than {before}"));
-        daemon.signal("TERM");
-        assert_eq!(daemon.end(), Some(0));
+        daemon.stop();
         stops += 1;
         assert!(stops < 20, "no headway");
     }
@@ -98,8 +94,7 @@ fn the_same_export_twice_in_the_folder_is_one_run() {
     workshop.wait_until_idle();
     // both files were read, so the second made no run
     assert_eq!(workshop.query("SELECT COUNT(*) FROM source_file"), ["2"]);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.query("SELECT robot, cycles FROM runs"), ["R00|5"]);
 }
 
@@ -117,8 +112,7 @@ fn a_second_daemon_on_the_database_is_refused_and_the_first_goes_on() {
     assert!(said.contains(&first_one) && said.contains("armwatch.db"), "{said}");
     workshop.add_reference("inbox");
     workshop.wait_for(COMPLETE_RUNS, 1);
-    first.signal("TERM");
-    assert_eq!(first.end(), Some(0));
+    first.stop();
 }
 
 #[test]
@@ -128,8 +122,7 @@ fn a_daemon_that_starts_again_knows_its_files_and_notices_changed_ones() {
     let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE_RUNS, 1);
     workshop.wait_for("SELECT COUNT(*) FROM source_file", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     // another recording under the same name
     let shorter: Vec<String> = decompressed().lines().take(1 + 2 * 8509).map(str::to_owned).collect();
     std::fs::remove_file(workshop.inbox(REFERENCE_NAME)).expect("removed");
@@ -137,7 +130,6 @@ fn a_daemon_that_starts_again_knows_its_files_and_notices_changed_ones() {
         .expect("written");
     let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE_RUNS, 2);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.query("SELECT cycles FROM runs ORDER BY run_id"), ["5", "2"]);
 }

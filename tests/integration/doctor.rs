@@ -9,15 +9,14 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::reading::small_change;
+use crate::reading::{as_another_user, can_be_another_user, small_change};
 use crate::small::{self, export};
 use crate::support::{Workshop, text, wait_until};
 
 /// A database of one test.
 fn stored() -> Workshop {
     let workshop = small::workshop();
-    let export = export("A", 5, 5);
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export("A", 5, 5));
     workshop.stdout(&["ingest", "inbox"], 0);
     workshop
 }
@@ -93,26 +92,13 @@ fn a_later_run_than_now_and_a_folder_that_may_not_be_written_to_are_problems() {
     let found = problems(&text(&workshop.run(&["doctor", "--json"]).stdout));
     assert!(found.iter().any(|(check, said)| check == "clock" && said.contains("2200-01-01")), "{found:?}");
 
-    let armwatch = env!("CARGO_BIN_EXE_armwatch");
-    let is_root = fs::metadata("/proc/self").is_ok_and(|process| process.uid() == 0);
-    let mut command = match is_root {
-        true => {
-            let mut command = Command::new("setpriv");
-            command.args(["--reuid=65534", "--regid=65534", "--clear-groups", armwatch]);
-            command
-        }
-        false => Command::new(armwatch),
-    };
-    fs::set_permissions(workshop.path(""), fs::Permissions::from_mode(0o555)).expect("permissions");
-    command.args(["doctor", "--json"]).current_dir(workshop.path("")).stdin(Stdio::null());
-    let output = command.output();
-    fs::set_permissions(workshop.path(""), fs::Permissions::from_mode(0o755)).expect("permissions");
-    let Some(output) = output.ok().filter(|of| of.status.code() == Some(1)) else {
-        println!(
-            "skipped: no other user can run the program here, or setpriv of util-linux is not installed"
-        );
+    if !can_be_another_user(&workshop) {
         return;
-    };
+    }
+    fs::set_permissions(workshop.path(""), fs::Permissions::from_mode(0o555)).expect("permissions");
+    let output = as_another_user(&workshop, &["doctor", "--json"]);
+    fs::set_permissions(workshop.path(""), fs::Permissions::from_mode(0o755)).expect("permissions");
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     let found = problems(&text(&output.stdout));
     let is_folder =
         |said: &str| said.starts_with("the folder of the database") && said.contains("is not writable");

@@ -23,8 +23,7 @@ use crate::support::{Workshop, end_of, query, text, wait_until};
 static STORED: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let workshop = small::workshop();
     for (robot, day) in [("A", 5), ("A", 6), ("B", 5)] {
-        let export = export(robot, day, day);
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export(robot, day, day));
     }
     fs::write(workshop.inbox("Bad_20260101_0000.csv"), "").expect("an empty export");
     workshop.stdout(&["ingest", "inbox"], 1);
@@ -319,7 +318,7 @@ fn by_month_every_row_is_in_one_file_and_what_has_not_changed_is_left_alone() {
     assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [2, 0, 0]);
     assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [0, 2, 0]);
     let later = export("A", 7, 7);
-    fs::write(workshop.inbox(&later.name), &later.bytes).expect("written");
+    workshop.add(&later);
     workshop.stdout(&["ingest", &format!("inbox/{}", later.name)], 0);
     assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [1, 1, 0]);
     let file =
@@ -486,7 +485,7 @@ fn all_files_are_of_one_moment() {
         || "the export does not begin".into(),
     );
     let later = export("A", 7, 7);
-    fs::write(workshop.inbox(&later.name), &later.bytes).expect("written");
+    workshop.add(&later);
     workshop.stdout(&["ingest", &format!("inbox/{}", later.name)], 0);
     let reader = std::thread::spawn({
         let pipe = out.join("cycles.csv");

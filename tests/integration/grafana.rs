@@ -377,7 +377,7 @@ fn every_sqlite_panel_has_rows_of_a_fleet() {
     let workshop = small::workshop();
     let fine = [export("Worn", 1, 5), export("Worn", 2, 6), export("Other", 3, 5)];
     for export in fine.iter().chain([&export("Bad", 4, 5).spoiled()]) {
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export);
     }
     workshop.stdout(&["ingest", "inbox"], 1);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
@@ -468,7 +468,7 @@ fn every_promql_expression_is_answered_from_figures_of_a_daemon() {
     fs::write(&path, serve + &config).expect("written");
     let daemon = workshop.daemon();
     let export = export("A", 1, 5);
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export);
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
     workshop.wait_until_idle();
     // the first answer is counted in the second
@@ -564,8 +564,7 @@ fn every_promql_expression_is_answered_from_figures_of_a_daemon() {
         }
     }
     assert!(answered > 35, "{answered}");
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 /// The body of an answer, which may be chunked.

@@ -158,9 +158,7 @@ fn served(settings: &str) -> (Workshop, u16) {
     let (workshop, port) = workshop();
     workshop.set("folders", "[\"inbox\"]");
     fs::remove_file(workshop.path("hang")).expect("removed");
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("a configuration");
-    fs::write(path, config + settings).expect("written");
+    workshop.configure(|config| config + settings);
     (workshop, port)
 }
 

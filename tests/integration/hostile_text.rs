@@ -149,13 +149,11 @@ fn a_name_that_is_no_text_is_found_again_by_its_bytes() {
     fs::write(&path, export("R", 1, 5).bytes).expect("written");
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE robot = 'lat\\xE9in' AND status = 'complete'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     let known = workshop.number("SELECT count(*) FROM source_file");
     let again = workshop.daemon();
     workshop.wait_until_idle();
-    again.signal("TERM");
-    assert_eq!(again.end(), Some(0));
+    again.stop();
     assert_eq!(workshop.number("SELECT count(*) FROM source_file"), known, "no file is new");
     let name = path.file_name().map(OsStr::as_bytes);
     assert_eq!(name, Some(&b"lat\xe9in.csv"[..]));

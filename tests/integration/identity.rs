@@ -12,7 +12,7 @@ const RUNS: &str = "SELECT source_name, kind, status FROM runs ORDER BY run_id";
 
 /// Writes a file into the folder and ingests it; returns the standard error.
 fn take(workshop: &Workshop, export: &Export) -> String {
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
+    workshop.add(&export);
     let file = workshop.inbox(&export.name).display().to_string();
     let output = workshop.run(&["ingest", &file]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -51,10 +51,8 @@ fn a_log_of_work_that_begins_with_a_test_does_not_take_its_place() {
 #[test]
 fn two_tests_of_a_day_stand_where_names_say_no_time() {
     let workshop = small::workshop();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
     let pattern = "[recognition]\nfile_name = '^(?<robot>\\w+?)_(?<date>\\d{8})_.*$'\n\n";
-    fs::write(&path, format!("{pattern}{config}")).expect("written");
+    workshop.configure(|config| format!("{pattern}{config}"));
     take(&workshop, &export("A", 1, 5).named("A_20260105_first.csv"));
     take(&workshop, &export("A", 2, 5).named("A_20260105_second.csv"));
     // the name of the first, used again
@@ -136,7 +134,7 @@ fn a_recording_without_any_result_does_not_replace_one_with_results() {
 
 /// The explanation of a file before it is ingested.
 fn explained(workshop: &Workshop, export: &Export) -> serde_json::Value {
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
+    workshop.add(&export);
     let file = workshop.inbox(&export.name).display().to_string();
     let out = workshop.stdout(&["explain", &file, "--json", "--quick"], 0);
     serde_json::from_str(out.trim()).expect("one object")
@@ -184,9 +182,7 @@ fn with_windows(workshop: &Workshop, seconds: u32) {
     let layout = fs::read_to_string(shipped).expect("the layout");
     let layout = layout.replace("window_s = 60.0", &format!("window_s = {seconds}.0"));
     fs::write(workshop.path("production.toml"), layout).expect("written");
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, config.replace(shipped, "production.toml")).expect("written");
+    workshop.configure(|config| config.replace(shipped, "production.toml"));
 }
 
 /// Starts a daemon that has seen a file grow to `bytes`; unseen growth is read only after the file has settled.
@@ -226,8 +222,7 @@ fn windows_of_another_length_are_cut_from_the_start_of_a_log_that_is_half_stored
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
     workshop.wait_for_conclusions();
     assert_alike(&workshop.dump(), &fresh.dump(), "windows of 35 s");
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(workshop.log().contains("read from the start"), "{}", workshop.log());
 }
 
@@ -243,13 +238,12 @@ fn a_run_whose_end_the_database_refuses_is_quarantined_and_a_retry_gets_it_out()
         fs::write(workshop.inbox("none.txt"), "").expect("written");
         workshop.stdout(&["ingest", "inbox"], 0);
         execute(&workshop, REFUSING);
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
+        workshop.add(&export);
         let open = "SELECT count(*) FROM quarantine WHERE state = 'open'";
         if follows {
             let daemon = workshop.daemon();
             workshop.wait_for(open, 1);
-            daemon.signal("TERM");
-            assert_eq!(daemon.end(), Some(0));
+            daemon.stop();
         } else {
             workshop.stdout(&["ingest", "inbox"], 1);
         }
@@ -265,8 +259,7 @@ fn a_run_whose_end_the_database_refuses_is_quarantined_and_a_retry_gets_it_out()
 #[test]
 fn a_stored_export_is_found_again_whatever_folder_a_command_is_called_in() {
     let workshop = small::workshop();
-    let export = export("A", 1, 5);
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
+    workshop.add(&export("A", 1, 5));
     workshop.stdout(&["ingest", "inbox"], 0);
     let (config, database) = (workshop.path("armwatch.toml"), workshop.path("armwatch.db"));
     let text = fs::read_to_string(&config).expect("the configuration");
@@ -307,8 +300,7 @@ fn a_recording_whose_name_says_no_start_began_its_duration_before_its_file_was_w
             stamp(&path);
             fs::write(workshop.inbox("A.csv.done"), "").expect("a mark");
             workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
-            daemon.signal("TERM");
-            assert_eq!(daemon.end(), Some(0));
+            daemon.stop();
         } else {
             fs::write(&path, &export.bytes).expect("an export");
             stamp(&path);
@@ -352,8 +344,7 @@ fn a_corrected_export_of_the_same_size_and_time_is_read() {
     let time = fs::metadata(&path).expect("the file").modified().expect("a time");
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     let corrected = first.with(|text| {
         let (before, last) = text.trim_end().rsplit_once('\n').expect("rows");
         let changed = last.replacen(".0", ".1", 1);
@@ -365,6 +356,5 @@ fn a_corrected_export_of_the_same_size_and_time_is_read() {
     fs::File::options().write(true).open(&path).expect("it").set_modified(time).expect("a time");
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'superseded'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }

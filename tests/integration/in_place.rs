@@ -15,10 +15,8 @@ const MOVED: &str = "was moved, deleted or replaced while it was open";
 fn workshop(port: u16) -> Workshop {
     let workshop = small::workshop();
     workshop.set("archive", "\"archive\"");
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
     let more = format!("database = \"data/armwatch.db\"\n[serve]\nlisten = \"127.0.0.1:{port}\"\n");
-    fs::write(&path, more + &config).expect("written");
+    workshop.configure(|config| more + &config);
     workshop
 }
 
@@ -111,8 +109,7 @@ fn a_second_daemon_is_refused_under_every_name_of_the_database() {
         assert_eq!(output.status.code(), Some(74), "{name}: {said}");
         assert!(said.contains("another armwatch daemon"), "{name}: {said}");
     }
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.query("PRAGMA integrity_check"), ["ok"]);
 }
 
@@ -149,8 +146,7 @@ fn a_lock_file_of_root_is_named_by_the_daemon_and_by_doctor() {
     // root changes the owner of the lock file to that of the database
     let daemon = workshop.daemon();
     workshop.wait_for_a_look();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     let owner = std::os::unix::fs::MetadataExt::uid(&fs::metadata(&lock).expect("the lock file"));
     assert_eq!(owner, USER);
 }
@@ -169,9 +165,7 @@ fn an_address_is_never_the_name_of_a_file() {
         assert_eq!(output.status.code(), Some(code), "{database}: {said}");
         assert!(said.contains(says) && !said.contains("secret"), "{database}: {said}");
     }
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, format!("database = \"mysql://a:secret@db/fleet\"\n{config}")).expect("written");
+    workshop.configure(|config| format!("database = \"mysql://a:secret@db/fleet\"\n{config}"));
     let said = workshop.stdout(&["config", "check"], 2);
     assert!(said.contains("database") && said.contains("mysql") && !said.contains("secret"), "{said}");
     let mut names: Vec<String> = fs::read_dir(workshop.path(""))

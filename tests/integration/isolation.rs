@@ -44,8 +44,7 @@ fn a_robot_whose_conclusions_are_refused_is_marked_and_holds_up_nobody() {
     workshop.wait_for(OF_B, 1);
     workshop.wait_for("SELECT COUNT(*) FROM conclusion_faults", 1);
     assert_eq!(workshop.query(FAULTS), ["A|1|1"]);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     let said = |level: &str| {
         let log = workshop.log();
         log.lines().filter(|line| line.contains(level) && line.contains("poisoned")).count()
@@ -65,8 +64,7 @@ fn a_robot_whose_conclusions_are_refused_is_marked_and_holds_up_nobody() {
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE robot = 'A' AND status = 'complete'", 2);
     workshop.wait_for_conclusions();
     assert_eq!(workshop.number("SELECT COUNT(*) FROM conclusion_faults"), 0);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]

@@ -159,10 +159,7 @@ fn a_layout_is_written_whole_and_needs_none_that_exists() {
     workshop.add_reference("inbox");
     let export = format!("inbox/{REFERENCE_NAME}");
     // the configured layout does not exist yet
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    let config: Vec<&str> =
-        config.lines().map(|l| if l.starts_with("layout") { "layout = \"cell4.toml\"" } else { l }).collect();
-    fs::write(workshop.path("armwatch.toml"), config.join("\n") + "\n").expect("a configuration");
+    workshop.use_file("layout", "cell4.toml");
     let infer = ["layout", "infer", &export, "--robot", "R00", "-o", "cell4.toml"];
     assert_eq!(workshop.stdout(&infer, 0), "");
     workshop.stdout(&["config", "check"], 0);
@@ -236,9 +233,7 @@ fn dates_in_any_form_and_the_start_from_a_column_of_the_export() {
     let starts = workshop.query("SELECT robot, started_at FROM runs ORDER BY robot");
     assert_eq!(starts, ["left|2026-01-05T08:47:00.000Z", "right|2026-01-06T10:00:07.500Z"]);
 
-    let wrong =
-        fs::read_to_string(workshop.path("armwatch.toml")).expect("it").replace("%y_%m_%d", "YY_MM_DD");
-    fs::write(workshop.path("armwatch.toml"), wrong).expect("a configuration");
+    workshop.configure(|config| config.replace("%y_%m_%d", "YY_MM_DD"));
     let refused = workshop.run(&["config", "check"]);
     let said =
         String::from_utf8_lossy(&refused.stderr).into_owned() + &String::from_utf8_lossy(&refused.stdout);

@@ -10,8 +10,7 @@ use crate::support::{Workshop, text};
 /// Full tests of a robot, with baselines of two tests.
 fn tested() -> Workshop {
     let workshop = Workshop::new();
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the settings");
-    fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 2\n").expect("written");
+    workshop.configure(|config| config + "\n[detect]\nbaseline_runs = 2\n");
     let shape = ["--runs", "5", "--cycles", "6", "--warming-s", "0", "--name", "Left", "--interval-h", "20"];
     workshop.simulate("exports", &shape);
     workshop.stdout(&["ingest", "exports"], 0);

@@ -174,8 +174,7 @@ fn a_cycle_counter_that_counts_rows_is_told_by_the_daemon_and_by_explain_too() {
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM quarantine", 1);
     let peak = peak_kb(daemon.child.id()).expect("its peak");
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(peak <= MOST_KB, "{peak} kB");
     assert_eq!(workshop.number("SELECT count(*) FROM cycles"), 0);
     let remedy = workshop.query("SELECT remedy FROM quarantine");
@@ -200,11 +199,8 @@ fn a_layout_is_inferred_from_a_file_of_line_ends_in_little_memory() {
 #[test]
 fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
     let workshop = Workshop::new();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
     let set = |bytes: u32| {
-        fs::write(&path, format!("[limits]\ncycles_max_bytes = {bytes}\n\n{config}"))
-            .expect("a configuration");
+        workshop.configure(|config| format!("[limits]\ncycles_max_bytes = {bytes}\n\n{config}"));
     };
     // 30,000 rows of about 160 bytes in one cycle
     let export = still(1..30_001, 0.01, |_| (1, Some("1".to_owned())), 0);
@@ -231,9 +227,7 @@ fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
 #[test]
 fn windows_of_one_row_take_no_more_memory_than_their_rows() {
     let workshop = Workshop::new();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, config.replace("native.toml", "production.toml")).expect("a configuration");
+    workshop.configure(|config| config.replace("native.toml", "production.toml"));
     let export = still(1..301, 100.0, |_| (1, None), 0);
     fs::write(workshop.inbox("R01_20260105_0847.csv"), export).expect("written");
     let Confined { peak_kb, said, .. } = confined(&workshop, &["ingest", "inbox"]);

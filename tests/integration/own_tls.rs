@@ -19,12 +19,10 @@ fn has_programs() -> bool {
 }
 
 fn serve(workshop: &Workshop, port: u16) {
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
     let head = format!(
         "[serve]\nlisten = \"127.0.0.1:{port}\"\n[serve.tls]\ncertificate = \"server.pem\"\nkey = \"server.key\"\n"
     );
-    fs::write(&path, head + &config).expect("a configuration");
+    workshop.configure(|config| head + &config);
 }
 
 fn curl(workshop: &Workshop, authority: &str, port: u16, address: &str) -> Output {
@@ -66,8 +64,7 @@ fn a_browser_trusts_the_certificate_which_is_renewed_while_the_daemon_runs() {
     assert!(!is_trusted(), "the daemon still has the old certificate");
     daemon.signal("HUP");
     workshop.wait_until(is_trusted);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]

@@ -16,12 +16,7 @@ fn with_layout(workshop: &Workshop, change: impl FnOnce(String) -> String) {
     let native = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/exports/native.toml");
     fs::write(workshop.path("own.toml"), change(fs::read_to_string(native).expect("a layout")))
         .expect("written");
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    let line = |line: &str| {
-        if line.starts_with("layout") { "layout = \"own.toml\"".into() } else { line.to_owned() }
-    };
-    fs::write(path, config.lines().map(line).collect::<Vec<_>>().join("\n")).expect("written");
+    workshop.use_file("layout", "own.toml");
 }
 
 /// Results of a run, independent of the name of its file.
@@ -43,7 +38,7 @@ fn results(workshop: &Workshop) -> String {
 /// Results of the export as one file.
 fn results_of_one_file(export: &Export) -> String {
     let workshop = small::workshop();
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export);
     workshop.stdout(&["ingest", "inbox"], 0);
     results(&workshop)
 }
@@ -155,8 +150,7 @@ fn kills_between_two_parts(kills: usize, seed: u64, by_channel: bool) {
         let daemon = workshop.daemon();
         workshop.wait_until_idle();
         workshop.wait_for_conclusions();
-        daemon.signal("TERM");
-        assert_eq!(daemon.end(), Some(0));
+        daemon.stop();
         let of = format!("seed {seed}, round {round}, by channel: {by_channel}");
         assert_eq!(workshop.query("SELECT status, cycles FROM runs"), ["complete|3", "complete|3"], "{of}");
         assert_alike(&workshop.canonical_dump(), &expected, &of);
@@ -199,8 +193,7 @@ fn a_recording_waits_for_its_last_part_and_a_missing_one_is_named() {
     fs::write(workshop.inbox(&trq), &of_torques).expect("written");
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
     workshop.wait_until_idle();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_alike(&results(&workshop), &expected, "by time");
     assert_eq!(workshop.number("SELECT count(*) FROM quarantine"), 0);
     let explained = workshop.stdout(&["explain", &format!("inbox/{trq}")], 0);
@@ -298,7 +291,7 @@ fn a_slower_channel_is_held_or_resampled_and_explain_gives_its_delay() {
         with_layout(&workshop, |native| {
             native.replacen("\"trq_{joint}\"", &format!("\"trq_{{joint}}\"{slower}"), 1)
         });
-        fs::write(workshop.inbox(&sparse.name), &sparse.bytes).expect("written");
+        workshop.add(&sparse);
         // so slow a channel may give no parameters
         workshop.run(&["ingest", "inbox"]);
         workshop

@@ -52,8 +52,7 @@ fn kill_whoever_opens(workshop: &Workshop, path: &Path, is_over: impl Fn() -> bo
             is_over()
         });
         if !is_open {
-            daemon.signal("TERM");
-            assert_eq!(daemon.end(), Some(0));
+            daemon.stop();
             return kills;
         }
         daemon.child.kill().expect("it lives until it is killed");
@@ -71,7 +70,7 @@ fn an_export_that_ends_the_program_is_quarantined_after_three_attempts_and_other
     // names after the poison's, of the same robot, and of others
     let others = [export("P", 2, 6), export("A", 3, 5), export("Z", 4, 5)];
     for one in &others {
-        fs::write(workshop.inbox(&one.name), &one.bytes).expect("written");
+        workshop.add(&one);
     }
     let is_quarantined = || {
         workshop.path("armwatch.db").exists()
@@ -88,8 +87,7 @@ fn an_export_that_ends_the_program_is_quarantined_after_three_attempts_and_other
     // another start does not retry it, but a user can
     let daemon = workshop.daemon();
     workshop.wait_until_idle();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.number("SELECT count(*) FROM attempt"), 0);
     let run = workshop.number("SELECT run_id FROM quarantine").to_string();
     workshop.stdout(&["quarantine", "retry", &run], 0);
@@ -113,8 +111,7 @@ fn an_export_that_is_innocent_clears_itself() {
     }
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.number("SELECT count(*) FROM attempt"), 0);
 }
 
@@ -123,8 +120,7 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
     let workshop = small::workshop();
     // longer than a writer is delayed on a busy machine
     workshop.set("settle_s", "3.0");
-    let before = export("B", 1, 5);
-    fs::write(workshop.inbox(&before.name), &before.bytes).expect("written");
+    workshop.add(&export("B", 1, 5));
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
     workshop.wait_for_conclusions();
@@ -185,6 +181,5 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
     let reasons =
         workshop.query("SELECT status, reason FROM runs WHERE reason IS NOT NULL AND status <> 'superseded'");
     assert_eq!(reasons, [""; 0]);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }

@@ -78,7 +78,7 @@ impl Both {
     }
 
     fn add(&self, export: &Export) {
-        fs::write(self.workshop.inbox(&export.name), &export.bytes).expect("written");
+        self.workshop.add(&export);
     }
 }
 
@@ -476,8 +476,7 @@ const DEFINITIONS: &str = "
 fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
     let Some(server) = Server::start() else { return };
     let workshop = small::workshop();
-    let export = export("A", 1, 5);
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export("A", 1, 5));
     server.sql("CREATE ROLE plant LOGIN");
     let cases = [
         ("owned", "CREATE SCHEMA armwatch AUTHORIZATION plant", true),

@@ -140,7 +140,7 @@ fn history() -> [Export; 5] {
 fn dump_after(order: &[usize], together: bool) -> String {
     let (workshop, exports) = (small::watching_work(), history());
     for &place in order {
-        fs::write(workshop.inbox(&exports[place].name), &exports[place].bytes).expect("written");
+        workshop.add(&exports[place]);
         if !together {
             workshop.stdout(&["ingest", "inbox"], 0);
         }
@@ -167,14 +167,13 @@ fn what_work_is_held_against_does_not_depend_on_the_order_in_which_files_come() 
 fn a_test_that_is_corrected_is_what_work_is_held_against_from_then_on() {
     let (workshop, [_, test, log, ..]) = (small::watching_work(), history());
     for file in [&test, &log] {
-        fs::write(workshop.inbox(&file.name), &file.bytes).expect("written");
+        workshop.add(&file);
     }
     workshop.stdout(&["ingest", "inbox"], 0);
     let checks = "SELECT reference_run_id, group_concat(moving_rmsd_nm) FROM production_checks GROUP BY 1";
     let before = workshop.query(checks);
     // the same recording, exported again from other channels
-    let corrected = export("A", 12, 5).named(&test.name);
-    fs::write(workshop.inbox(&corrected.name), &corrected.bytes).expect("written");
+    workshop.add(&export("A", 12, 5).named(&test.name));
     workshop.stdout(&["ingest", "inbox"], 0);
     let after = workshop.query(checks);
     assert!(before.len() == 1 && after.len() == 1 && before != after, "{before:?} {after:?}");

@@ -36,12 +36,7 @@ fn write_layout(workshop: &Workshop, stage_column: &str) {
     assert!(shipped.contains("\"stage\""), "{shipped}");
     fs::write(workshop.path("layout.toml"), shipped.replace("\"stage\"", &format!("\"{stage_column}\"")))
         .expect("written");
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("read");
-    let lines = config.lines().map(|line| match line.starts_with("layout = ") {
-        true => "layout = \"layout.toml\"",
-        false => line,
-    });
-    fs::write(workshop.path("armwatch.toml"), lines.collect::<Vec<_>>().join("\n") + "\n").expect("written");
+    workshop.use_file("layout", "layout.toml");
 }
 
 #[test]
@@ -143,8 +138,7 @@ fn a_running_daemon_reads_its_configuration_and_the_export_again() {
     fs::remove_file(&elsewhere).expect("removed");
     let gone = workshop.stdout(&["quarantine", "retry", "--all"], 1);
     assert!(gone.starts_with("gone") && gone.contains("export it again"), "{gone}");
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]
@@ -157,8 +151,7 @@ fn a_quarantine_is_logged_when_it_is_new_and_not_at_each_start() {
         fs::write(workshop.inbox(name), format!("time,{name}\n0,1\n")).expect("an export");
         let daemon = workshop.daemon();
         workshop.wait_for(&format!("SELECT count(*) FROM quarantine WHERE source_name = '{name}'"), 1);
-        daemon.signal("TERM");
-        assert_eq!(daemon.end(), Some(0));
+        daemon.stop();
         fs::remove_file(workshop.inbox(name)).expect("removed");
     }
     assert_eq!(logged(), 3, "{}", workshop.log());
@@ -191,8 +184,7 @@ fn what_is_no_export_is_dismissed_with_a_reason_and_a_retry_brings_it_back() {
     // neither the daemon nor the overview of the fleet counts it
     let daemon = workshop.daemon();
     workshop.wait_until(|| workshop.log().contains("watching"));
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(!workshop.log().contains("exports in quarantine"), "{}", workshop.log());
 
     // if it is read again by accident, it stays dismissed; if it is named, it is open again

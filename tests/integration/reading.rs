@@ -31,15 +31,14 @@ const READING: [&[&str]; 13] = [
 fn stored() -> Workshop {
     let workshop = small::workshop();
     for day in [5, 6] {
-        let export = export("A", day, day);
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export("A", day, day));
     }
     workshop.stdout(&["ingest", "inbox"], 0);
     workshop
 }
 
 /// The command as a user who may read the folder and write nothing.
-fn as_another_user(workshop: &Workshop, arguments: &[&str]) -> Output {
+pub fn as_another_user(workshop: &Workshop, arguments: &[&str]) -> Output {
     let armwatch = env!("CARGO_BIN_EXE_armwatch");
     let is_root = fs::metadata("/proc/self").is_ok_and(|process| process.uid() == 0);
     let mut command = match is_root {
@@ -57,7 +56,7 @@ fn as_another_user(workshop: &Workshop, arguments: &[&str]) -> Output {
 
 /// Returns true if another user can start the program and read the files of the configuration: a checkout may be in a
 /// private folder.
-fn can_be_another_user(workshop: &Workshop) -> bool {
+pub fn can_be_another_user(workshop: &Workshop) -> bool {
     set_mode(&workshop.path(""), 0o755);
     let can = Command::new("setpriv").arg("--version").output().is_ok()
         && as_another_user(workshop, &["config", "show"]).status.success();
@@ -95,8 +94,7 @@ fn a_user_who_may_not_write_can_ask_while_the_daemon_runs_and_when_it_does_not()
     ask_all("the daemon runs");
     let refused = as_another_user(&workshop, &["sql", "DELETE FROM run"]);
     assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert_eq!(workshop.number("SELECT count(*) FROM runs"), 2);
 }
 
@@ -184,20 +182,15 @@ fn a_snapshot_says_what_the_database_says_and_needs_no_other_file() {
 #[test]
 fn the_daemon_keeps_a_snapshot_up_to_date() {
     let workshop = small::workshop();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, format!("[snapshot]\nfile = \"copy.db\"\ninterval_min = 0.1\n\n{config}"))
-        .expect("written");
+    workshop.configure(|config| format!("[snapshot]\nfile = \"copy.db\"\ninterval_min = 0.1\n\n{config}"));
     let daemon = workshop.daemon();
     let copy = workshop.path("copy.db");
     for (tests, day) in [(1, 5), (2, 6)] {
-        let export = export("A", day, day);
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export("A", day, day));
         let counted = || copy.exists() && query(&copy, "SELECT count(*) FROM runs") == [tests.to_string()];
         wait_until(counted, || workshop.log());
     }
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(canon::dump(&copy) == workshop.dump());
 }
 
@@ -205,18 +198,13 @@ fn the_daemon_keeps_a_snapshot_up_to_date() {
 #[test]
 fn the_last_snapshot_has_what_is_concluded_after_the_stop() {
     let workshop = small::workshop();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, format!("[snapshot]\nfile = \"copy.db\"\ninterval_min = 0.1\n\n{config}"))
-        .expect("written");
+    workshop.configure(|config| format!("[snapshot]\nfile = \"copy.db\"\ninterval_min = 0.1\n\n{config}"));
     for day in 1..=28 {
-        let export = export("A", 1 + day % 2, day);
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export("A", 1 + day % 2, day));
     }
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) > 1 FROM runs WHERE status = 'complete'", 1);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(
         workshop.number("SELECT count(*) FROM runs WHERE status = 'complete'") < 28,
         "it was stopped in between"
@@ -290,7 +278,7 @@ fn the_status_says_what_is_wrong_and_where_nothing_is_known() {
 
     let (healthy, broken) = (export("A", 1, 5), export("B", 2, 5).spoiled());
     for export in [&healthy, &broken] {
-        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export);
     }
     workshop.stdout(&["ingest", "inbox"], 1);
     let said = workshop.stdout(&["status"], 0);

@@ -20,10 +20,9 @@ fn stored() -> Workshop {
         fs::write(workshop.inbox(&name), &export.bytes).expect("written");
     }
     let twin = export("B", 7, 7);
-    fs::write(workshop.inbox(&twin.name), &twin.bytes).expect("written");
+    workshop.add(&twin);
     let name = twin.name.replacen('B', "C", 1);
-    let broken = small::Export { name, bytes: export("A", 5, 5).bytes }.spoiled();
-    fs::write(workshop.inbox(&broken.name), &broken.bytes).expect("written");
+    workshop.add(&small::Export { name, bytes: export("A", 5, 5).bytes }.spoiled());
     workshop.stdout(&["ingest", "inbox"], 1);
     workshop
 }
@@ -197,8 +196,7 @@ fn what_is_not_there_is_said_with_what_is_near() {
     for subject in ["A", "1"] {
         assert!(refused(&["report", subject, "-o", "a.html"], 2).contains("no run is stored yet"));
     }
-    let export = export("A", 5, 5);
-    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.add(&export("A", 5, 5));
     workshop.stdout(&["ingest", "inbox"], 0);
     assert!(refused(&["report", "a1", "-o", "a.html"], 2).contains("did you mean A?"));
     assert!(refused(&["report", "9", "-o", "a.html"], 2).contains("the nearest is 1"));

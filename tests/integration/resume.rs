@@ -50,7 +50,7 @@ fn append(workshop: &Workshop, daemon: &Daemon, path: &Path, bytes: &[u8]) {
 fn golden() -> &'static str {
     static GOLDEN: LazyLock<String> = LazyLock::new(|| {
         let (export, workshop) = (the_export(), small::workshop());
-        std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.add(&export);
         workshop.stdout(&["ingest", "inbox"], 0);
         workshop.dump()
     });
@@ -67,8 +67,7 @@ fn kill(daemon: Daemon) {
 }
 
 fn stop(daemon: Daemon) {
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 /// Kills a daemon after it has stored two cycles of a growing export; returns the byte to resume from.

@@ -15,7 +15,7 @@ const YEAR: f64 = 365.0;
 fn stored() -> Workshop {
     let workshop = small::watching_work();
     for file in [export("A", 1, 5), work("A", 21, 6), work("A", 22, 7)] {
-        fs::write(workshop.inbox(&file.name), &file.bytes).expect("written");
+        workshop.add(&file);
     }
     workshop.stdout(&["ingest", "inbox"], 0);
     workshop
@@ -120,14 +120,11 @@ fn windows_of_a_log_come_to_have_one_factor_and_the_log_verifies_as_before() {
 fn the_daemon_joins_what_has_had_its_time() {
     let workshop = stored();
     let before = workshop.canonical_dump();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, format!("[retention]\nfactors_of_production_days = 0\n\n{config}")).expect("written");
+    workshop.configure(|config| format!("[retention]\nfactors_of_production_days = 0\n\n{config}"));
     let daemon = workshop.daemon();
     workshop.wait_for(FACTORS_OF_LOGS, 0);
     workshop.wait_until_idle();
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
     assert!(workshop.log().contains("factors have expired"), "{}", workshop.log());
     assert_alike(&workshop.canonical_dump(), &before, "results are kept");
 }
@@ -181,10 +178,9 @@ fn the_size_of_a_cycle_and_a_window_is_the_documented_one() {
     let layout =
         fs::read_to_string(shipped).expect("the layout").replace("window_s = 60.0", "window_s = 6.0");
     fs::write(workshop.path("short_windows.toml"), layout).expect("written");
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    let config = config.replace(shipped, workshop.path("short_windows.toml").to_str().expect("text"));
-    fs::write(&path, config).expect("written");
+    workshop.configure(|config| {
+        config.replace(shipped, workshop.path("short_windows.toml").to_str().expect("text"))
+    });
 
     let take = |folder: &str, arguments: &[&str]| {
         let shape = ["--warming-s", "5", "--name", "R07"];
@@ -238,7 +234,7 @@ fn the_size_of_a_cycle_and_a_window_is_the_documented_one() {
 fn a_backup_is_the_whole_database_and_takes_the_place_of_a_backup_only() {
     let workshop = small::watching_work();
     let file = export("A", 1, 5);
-    fs::write(workshop.inbox(&file.name), &file.bytes).expect("written");
+    workshop.add(&file);
     workshop.stdout(&["ingest", "inbox"], 0);
     let factors = "SELECT count(*), sum(length(factor)) FROM torque_factor";
     let own = workshop.query(factors);
@@ -257,8 +253,7 @@ fn a_backup_is_the_whole_database_and_takes_the_place_of_a_backup_only() {
     assert_eq!(fs::read_dir(workshop.path("out")).expect("a folder").count(), 1, "nothing is left beside it");
 
     // the restored database accepts new exports
-    let second = export("A", 2, 6);
-    fs::write(workshop.inbox(&second.name), &second.bytes).expect("written");
+    workshop.add(&export("A", 2, 6));
     fs::copy(&copy, workshop.path("restored.db")).expect("a copy");
     let taken = workshop.stdout(&["ingest", "inbox", "--db", "restored.db"], 0);
     assert!(taken.contains("1 stored, 1 known"), "{taken}");
@@ -276,6 +271,5 @@ fn a_backup_is_the_whole_database_and_takes_the_place_of_a_backup_only() {
     let refused = workshop.run(&["backup", "armwatch.db", "--db", "restored.db"]);
     assert!(text(&refused.stderr).contains("is in use"), "{}", text(&refused.stderr));
     workshop.stdout(&["backup", "beside.db"], 0);
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }

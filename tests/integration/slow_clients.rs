@@ -65,10 +65,8 @@ impl Served {
     fn new(listen: &str) -> Self {
         let workshop = Workshop::new();
         let port = http::free_port();
-        let path = workshop.path("armwatch.toml");
-        let config = fs::read_to_string(&path).expect("the configuration");
         let serve = format!("[serve]\nlisten = \"{listen}:{port}\"\ntoken_file = \"token\"\n\n");
-        fs::write(&path, serve + &config).expect("a configuration");
+        workshop.configure(|config| serve + &config);
         fs::write(workshop.path("token"), TOKEN).expect("a token");
         let daemon = workshop.daemon();
         let served = Self { workshop, daemon, port };

@@ -85,6 +85,13 @@ fn made(robot: &str, seed: u32, start: &str, more: &[&str]) -> Export {
     made.entry(format!("{robot} {seed} {start} {more:?}")).or_insert_with(make).clone()
 }
 
+impl Workshop {
+    /// Writes an export into the inbox.
+    pub fn add(&self, export: &Export) {
+        fs::write(self.inbox(&export.name), &export.bytes).expect("written");
+    }
+}
+
 /// A folder for such exports.
 pub fn workshop() -> Workshop {
     let workshop = Workshop::new();

@@ -14,10 +14,7 @@ fn with_stage(section: &str) -> Workshop {
     let end = native.find("# Optional columns").expect("what follows");
     let text = format!("{}[stage]\n{section}\n\n{}", &native[..start], &native[end..]);
     fs::write(workshop.path("layout.toml"), text).expect("a layout");
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    let shipped = format!("{}/config/exports/native.toml", root.display());
-    fs::write(workshop.path("armwatch.toml"), config.replace(&shipped, "layout.toml"))
-        .expect("a configuration");
+    workshop.use_file("layout", "layout.toml");
     workshop
 }
 

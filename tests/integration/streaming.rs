@@ -92,8 +92,7 @@ fn write_slowly(path: &PathBuf, text: &[u8], random: &mut ChaCha8Rng, count: usi
 }
 
 fn stop(daemon: crate::support::Daemon) {
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 fn assert_sound(workshop: &Workshop) {

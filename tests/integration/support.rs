@@ -64,33 +64,42 @@ impl Workshop {
         Self { folder }
     }
 
-    /// Sets a key of the section `[watch]`.
-    pub fn set(&self, key: &str, value: &str) {
+    /// Changes the configuration.
+    pub fn configure(&self, change: impl FnOnce(String) -> String) {
         let path = self.path("armwatch.toml");
         let text = fs::read_to_string(&path).expect("the configuration");
-        let others: Vec<&str> = text.lines().filter(|line| !line.starts_with(key)).collect();
-        let set = others.join("\n").replacen("[watch]", &format!("[watch]\n{key} = {value}"), 1);
-        fs::write(path, set + "\n").expect("a configuration");
+        fs::write(path, change(text)).expect("a configuration");
+    }
+
+    /// Sets a key of the section `[watch]`.
+    pub fn set(&self, key: &str, value: &str) {
+        self.configure(|text| {
+            let others: Vec<&str> = text.lines().filter(|line| !line.starts_with(key)).collect();
+            others.join("\n").replacen("[watch]", &format!("[watch]\n{key} = {value}"), 1) + "\n"
+        });
+    }
+
+    /// Sets the layout or the description (`key`) of all robots to a file of the folder.
+    pub fn use_file(&self, key: &str, file: &str) {
+        let own = format!("{key} = \"{file}\"");
+        let line = |line| if str::starts_with(line, key) { own.as_str() } else { line };
+        self.configure(|text| text.lines().map(line).collect::<Vec<_>>().join("\n") + "\n");
     }
 
     /// Sets another shipped description, such as `scara`, for all robots.
     pub fn describe(&self, model: &str) {
-        let path = self.path("armwatch.toml");
-        let text = fs::read_to_string(&path).expect("the configuration");
-        fs::write(path, text.replace("er3a.toml", &format!("{model}.toml"))).expect("a configuration");
+        self.configure(|text| text.replace("er3a.toml", &format!("{model}.toml")));
     }
 
     /// Configures exports with this number of columns, named as the simulator does without signals, as production logs
     /// of robots of this description.
     pub fn watch_work(&self, model: &str, columns: usize) {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).display();
-        let path = self.path("armwatch.toml");
-        let text = fs::read_to_string(&path).expect("the configuration");
         let entry = format!(
             "[[robot]]\nname = \"*\"\nfiles = \"*_Col{columns}_*\"\ndescription = \"{root}/config/robots/{model}.toml\"\n\
              layout = \"{root}/config/exports/production.toml\"\n\n[[robot]]"
         );
-        fs::write(path, text.replacen("[[robot]]", &entry, 1)).expect("a configuration");
+        self.configure(|text| text.replacen("[[robot]]", &entry, 1));
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -265,6 +274,12 @@ impl Daemon {
             _ => 15,
         };
         caught & (1 << (number - 1)) != 0 || field("State:").is_some_and(|state| state.starts_with('Z'))
+    }
+
+    /// Ends the daemon as a service manager does.
+    pub fn stop(self) {
+        self.signal("TERM");
+        assert_eq!(self.end(), Some(0));
     }
 
     /// Waits for the daemon's end and returns its exit status.

@@ -16,8 +16,7 @@ const SHARED: [&str; 4] = [
 /// Two runs of some cycles; a friction map needs six.
 fn simulated(folder: &str, cycles: &str, more: &[&str]) -> Workshop {
     let workshop = Workshop::new();
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 2\n").expect("written");
+    workshop.configure(|config| config + "\n[detect]\nbaseline_runs = 2\n");
     let shape =
         ["--runs", "2", "--cycles", cycles, "--warming-s", "0", "--name", "Warm", "--interval-h", "20"];
     workshop.simulate(folder, &[&shape[..], more].concat());

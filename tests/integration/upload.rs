@@ -35,13 +35,11 @@ impl Receiver {
     fn prepared(serve: &str, upload: &str) -> Self {
         let workshop = Workshop::new();
         let port = http::free_port();
-        let path = workshop.path("armwatch.toml");
-        let config = fs::read_to_string(&path).expect("the configuration");
         let serve = format!(
             "[serve]\nlisten = \"127.0.0.1:{port}\"\ntoken_file = \"token\"\n{serve}\n\
              [serve.upload]\nspool = \"spool\"\n{upload}\n\n"
         );
-        fs::write(&path, serve + &config).expect("a configuration");
+        workshop.configure(|config| serve + &config);
         fs::write(workshop.path("token"), TOKEN).expect("a token");
         fs::write(workshop.path("greedy"), GREEDY).expect("a token");
         Self { workshop, daemon: None, port }
@@ -549,9 +547,7 @@ fn a_full_disk_is_told_and_leaves_nothing_behind() {
 #[test]
 fn without_a_token_other_machines_are_not_listened_to() {
     let workshop = Workshop::new();
-    let path = workshop.path("armwatch.toml");
-    let config = fs::read_to_string(&path).expect("the configuration");
-    fs::write(&path, format!("[serve]\nlisten = \"0.0.0.0:0\"\n\n{config}")).expect("a configuration");
+    workshop.configure(|config| format!("[serve]\nlisten = \"0.0.0.0:0\"\n\n{config}"));
     let refused = workshop.command(&["run"]).env_remove("ARMWATCH_TOKEN").output().expect("it runs");
     assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
     assert!(text(&refused.stderr).contains("token_file"), "{}", text(&refused.stderr));

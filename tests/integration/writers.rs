@@ -100,8 +100,7 @@ fn start(workshop: &Workshop) -> Daemon {
 }
 
 fn stop(daemon: Daemon) {
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 #[test]

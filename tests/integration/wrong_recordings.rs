@@ -223,15 +223,10 @@ fn refusals_and_doubts_are_sentences_in_the_view_of_cycles() {
         .expect("a description")
         .replace("gravity_m_s2 = [0, 0, -9.81]", "gravity_m_s2 = [0, 0, 9.81]");
     std::fs::write(workshop.path("ceiling.toml"), ceiling).expect("a description");
-    let config = std::fs::read_to_string(workshop.path("armwatch.toml")).expect("a configuration");
     let layout = format!("{}/config/exports/native.toml", env!("CARGO_MANIFEST_DIR"));
     let special =
         format!("[[robot]]\nname = \"Ceiling\"\ndescription = \"ceiling.toml\"\nlayout = \"{layout}\"\n\n");
-    std::fs::write(
-        workshop.path("armwatch.toml"),
-        config.replacen("[[robot]]", &format!("{special}[[robot]]"), 1),
-    )
-    .expect("a configuration");
+    workshop.configure(|config| config.replacen("[[robot]]", &format!("{special}[[robot]]"), 1));
     let healthy = excitation(&shipped("er3a"), 3, 100.0);
     let sound: [Told; 2] = [("Doubled", doubled, &["rows repeat the row before"]), ("Sound", |_| {}, &[])];
     for (name, spoil, _) in REFUSED.iter().chain(&sound) {

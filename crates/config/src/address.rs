@@ -10,14 +10,12 @@ pub const KINDS_OF_DATABASE: &str =
     "name a file, or a PostgreSQL server as in postgres://user@host:5432/name";
 
 /// Returns true if a database is on a server: `postgres://user@host/name`, in upper or lower case.
-#[must_use]
 pub fn is_on_server(database: &Path) -> bool {
     scheme(database).is_some_and(is_of_postgres)
 }
 
 /// The scheme of an address of another kind of server, such as `mysql`. Such an address is not used as a file name
 /// either, because it may contain a password.
-#[must_use]
 pub fn foreign_scheme(database: &Path) -> Option<&str> {
     scheme(database).filter(|scheme| !is_of_postgres(scheme))
 }
@@ -35,7 +33,6 @@ fn is_of_postgres(scheme: &str) -> bool {
 }
 
 /// The database for display: an address without its password.
-#[must_use]
 pub fn shown_database(database: &Path) -> String {
     let text = database.to_string_lossy();
     let (Some(scheme), Some((_, rest))) = (scheme(database), text.split_once(':')) else {

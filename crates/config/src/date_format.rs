@@ -46,7 +46,6 @@ impl DateFormats {
     }
 
     /// The valid contents of the pattern's groups.
-    #[must_use]
     pub fn wanted(&self) -> String {
         let date = self.date.as_deref().unwrap_or("YYYYMMDD");
         let time = self.time.as_deref().unwrap_or("HHMM or HHMMSS");

@@ -117,25 +117,21 @@ impl MomentFormat {
     }
 
     /// The format's text.
-    #[must_use]
     pub fn text(&self) -> &str {
         &self.text
     }
 
     /// Returns true if it gives year, month and day.
-    #[must_use]
     pub fn gives_date(&self) -> bool {
         self.has(DatePart::Number(Field::Year)) || self.has(DatePart::Number(Field::ShortYear))
     }
 
     /// Returns true if it gives seconds, or decimals of them.
-    #[must_use]
     pub fn gives_seconds(&self) -> bool {
         self.has(DatePart::Number(Field::Second))
     }
 
     /// Seconds after which a clock of this form restarts; `None` with a date.
-    #[must_use]
     pub fn period_s(&self) -> Option<f64> {
         let has = |field| self.has(DatePart::Number(field));
         match () {
@@ -166,7 +162,6 @@ impl MomentFormat {
     }
 
     /// The time of a cell in this form.
-    #[must_use]
     pub fn moment(&self, cell: &str) -> Option<Moment> {
         let dated = self.gives_date();
         let mut rest = cell.trim_matches(is_blank);
@@ -279,7 +274,6 @@ impl MomentFields {
 
 /// Nanoseconds of an elapsed time in the notation of IEC 61131-3 and ISO 8601: `T#1h2m3s4ms`, `LTIME#20ms`, `PT1.5S`,
 /// `-1d2h`.
-#[must_use]
 pub fn duration(cell: &str) -> Option<i64> {
     const UNITS: [(&str, f64); 9] = [
         ("ms", 1e6),

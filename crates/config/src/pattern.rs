@@ -10,13 +10,11 @@ pub struct FilePatterns(pub Vec<Vec<String>>);
 
 impl FilePatterns {
     /// Whether one pattern of each group matches the whole name.
-    #[must_use]
     pub fn matches(&self, file_name: &str) -> bool {
         self.0.iter().all(|group| group.iter().any(|pattern| matches(pattern, file_name)))
     }
 
     /// The names that both match.
-    #[must_use]
     pub fn and(&self, other: &Self) -> Self {
         Self([&self.0[..], &other.0[..]].concat())
     }

@@ -25,29 +25,16 @@ const DEFAULT_REQUESTS_PER_S: f64 = 50.0;
 /// Default limit on the total time of an upload, min.
 const DEFAULT_TOTAL_TIMEOUT_MIN: f64 = 720.0;
 
-/// Permission of a token. Each also lets a client read its own session.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Scope {
-    /// Read stored data.
-    Read,
-    /// Answer alarms, enter maintenance, request that exports are read again.
-    Act,
-    /// Send exports, and query their outcomes.
-    Upload,
-}
-
-impl Scope {
-    /// All scopes: those of `token_file`.
-    pub const ALL: [Self; 3] = [Self::Read, Self::Act, Self::Upload];
-
-    /// Name in the configuration.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Act => "act",
-            Self::Upload => "upload",
-        }
+armwatch_model::named_enum! {
+    /// Permission of a token. Each also lets a client read its own session.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Scope {
+        /// Read stored data.
+        Read = "read",
+        /// Answer alarms, enter maintenance, request that exports are read again.
+        Act = "act",
+        /// Send exports, and query their outcomes.
+        Upload = "upload",
     }
 }
 

@@ -52,7 +52,6 @@ pub struct Config {
 
 impl Config {
     /// The database file; `None` if the database is on a server.
-    #[must_use]
     pub fn database_file(&self) -> Option<&Path> {
         (!is_on_server(&self.database)).then_some(&*self.database)
     }
@@ -77,7 +76,6 @@ impl Config {
 
     /// The entry of the robot called `robot`: the first whose pattern matches the whole name, preferably one for all
     /// its files.
-    #[must_use]
     pub fn robot_entry(&self, robot: &str) -> Option<&FleetEntry> {
         let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot));
         let for_all = entries.clone().find(|entry| entry.files.is_none());
@@ -86,7 +84,6 @@ impl Config {
 
     /// Returns true if the name or the rows of an export of this robot give its start, so that the time of its file is
     /// not needed.
-    #[must_use]
     pub fn names_start(&self, robot: &str, file_name: &str) -> bool {
         self.recognition.recognise(file_name).is_ok_and(|named| named.started_at.is_some())
             || self.export_entry(robot, file_name).is_some_and(|entry| entry.layout.start.is_some())
@@ -94,7 +91,6 @@ impl Config {
 
     /// The entry for an export of the robot called `robot`: the first whose patterns match its name and that
     /// of the file.
-    #[must_use]
     pub fn export_entry(&self, robot: &str, file_name: &str) -> Option<&FleetEntry> {
         self.fleet.iter().find(|entry| {
             let of_file = entry.files.as_ref().is_none_or(|files| files.matches(file_name));
@@ -107,7 +103,6 @@ impl Config {
     /// The part of a recording in a file name; `None` if the file is a whole recording.
     ///
     /// Without `[parts]` in the layout, numbered names are parts if they give one time without the number too.
-    #[must_use]
     pub fn part_of(&self, file_name: &str) -> Option<PartName> {
         if self.fleet.iter().all(|entry| entry.layout.parts.is_none()) && numbered_part(file_name).is_none() {
             return None;
@@ -124,7 +119,6 @@ impl Config {
 
     /// Returns true if an export gives the same rows for one robot and file name as for another, so that a copy under
     /// another name is the same recording. Two layouts may read two arms of one export.
-    #[must_use]
     pub fn reads_alike(&self, (robot, name): (&str, &str), (other, other_name): (&str, &str)) -> bool {
         let layout = |robot, name| self.export_entry(robot, name).map(|entry| &entry.layout);
         let of_other = layout(other, other_name);
@@ -132,7 +126,6 @@ impl Config {
     }
 
     /// Returns true if some exports of `robot` have a torque of the joint; also for robots without an entry.
-    #[must_use]
     pub fn has_torque(&self, robot: &str, joint: JointIndex) -> bool {
         let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot)).peekable();
         entries.peek().is_none() || entries.any(|entry| !entry.layout.without_torque.contains(&joint))
@@ -184,7 +177,6 @@ pub enum RewritePolicy {
 
 impl RewritePolicy {
     /// Name in the configuration.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Supersede => "supersede",

@@ -76,7 +76,6 @@ pub enum ConfigSource {
 impl ConfigSource {
     /// The first of: `argument`, the value of `ARMWATCH_CONFIG`, `config/armwatch.toml`, `armwatch.toml`, the shipped
     /// one. A missing file that was requested by name is not skipped: reading it then reports the error.
-    #[must_use]
     pub fn locate(argument: Option<&Path>) -> Self {
         locate_in(Path::new(""), argument, std::env::var_os(VARIABLE).as_deref())
     }

@@ -14,7 +14,6 @@ use armwatch_model::analysis::finding::FindingKind;
 use armwatch_model::robot::{JointKind, Robot, TorqueSensors};
 
 /// The files that were read and the settings in force, with units, one topic per paragraph.
-#[must_use]
 pub fn summary(config: &Config) -> String {
     let mut out = String::new();
     let mut line = |name: &str, value: String| {

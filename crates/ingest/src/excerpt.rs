@@ -33,7 +33,6 @@ pub struct Excerpt {
 
 /// The place of a rejection with `around` lines before and after it; `None` if it names no line, or the file does not
 /// contain this line within its first `most` decompressed bytes now or is unreadable.
-#[must_use]
 pub fn of_rejection(rejection: &Rejection, around: u64, most: u64) -> Option<Excerpt> {
     excerpt(&rejection.path, rejection.line?, rejection.column.as_deref(), around, most).ok().flatten()
 }

@@ -36,7 +36,6 @@ pub struct Rejection {
 
 impl Rejection {
     /// A rejection of the file as a whole.
-    #[must_use]
     pub fn of_file(path: &Path, reason: impl Into<Box<str>>, remedy: impl Into<Box<str>>) -> Self {
         Self {
             path: path.into(),
@@ -90,20 +89,17 @@ impl Rejection {
     }
 
     /// A rejection that was stored earlier as its [`Rejection::sentence`].
-    #[must_use]
     pub fn stored(path: &Path, sentence: impl Into<Box<str>>) -> Self {
         Self::of_file(path, sentence, "")
     }
 
     /// Place, fault and remedy without the file, as stored in the ledger next to the file's name.
-    #[must_use]
     pub fn sentence(&self) -> String {
         let places = self.places();
         if places.is_empty() { self.fault() } else { format!("{places}: {}", self.fault()) }
     }
 
     /// The fault with its column and value, without line and remedy.
-    #[must_use]
     pub fn problem(&self) -> String {
         let column = self.column.as_ref().map(|column| format!("column {column}: "));
         let value = self.value.as_ref().map(|value| format!("\"{}\" is ", value.escape_debug()));
@@ -125,7 +121,6 @@ impl Rejection {
 
     /// A rejection from a failed read, with the explanation that [`super::bytes::source`] gave the error, if any. An
     /// error of the operating system may be temporary.
-    #[must_use]
     pub fn from_io(path: &Path, error: &io::Error) -> Self {
         if let Some(known) = error.get_ref().and_then(|inner| inner.downcast_ref::<Unreadable>()) {
             return Self::of_file(path, known.reason.clone(), known.remedy.clone());

@@ -12,7 +12,6 @@ use armwatch_config::TextEncoding;
 /// Explains the rejection of a row whose time is earlier than that of the row before. If the same row is further up in
 /// the file, a part of the recording was sent again, and the rejection names both parts. Other rejections are
 /// unchanged. Reads up to the place, at most `most` decompressed bytes, in memory that does not grow with the file.
-#[must_use]
 pub fn explained(rejection: Rejection, most: u64) -> Rejection {
     let is_backwards = rejection.reason.ends_with("time runs backwards");
     let Some(line) = rejection.line.filter(|_| is_backwards) else { return rejection };

@@ -158,32 +158,21 @@ pub struct ProductionJoint {
     pub test_relative_rmsd: Option<f64>,
 }
 
-/// Method that turns rows into parameters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Estimator {
-    /// Least squares with equal weight for every row of every joint.
-    Ordinary,
-    /// Least squares, each joint's rows weighted by one over its residual variance [3.22].
-    #[default]
-    Weighted,
-    /// Huber's M-estimate: as weighted, but rows with large residuals lose weight. Needs the rows themselves.
-    Huber,
+crate::named_enum! {
+    /// Method that turns rows into parameters.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub enum Estimator {
+        /// Least squares with equal weight for every row of every joint.
+        Ordinary = "ordinary",
+        /// Least squares, each joint's rows weighted by one over its residual variance [3.22].
+        #[default]
+        Weighted = "weighted",
+        /// Huber's M-estimate: as weighted, but rows with large residuals lose weight. Needs the rows themselves.
+        Huber = "huber",
+    }
 }
 
 impl Estimator {
-    /// All estimators.
-    pub const ALL: [Self; 3] = [Self::Ordinary, Self::Weighted, Self::Huber];
-
-    /// Name as in configuration and in the view `cycles`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ordinary => "ordinary",
-            Self::Weighted => "weighted",
-            Self::Huber => "huber",
-        }
-    }
-
     /// The estimator to use when only stored factors are available. Huber's estimate weights single rows, which are not
     /// stored; without these weights it is the weighted one.
     #[must_use]

@@ -83,29 +83,16 @@ impl fmt::Display for AnomalyKind {
     }
 }
 
-/// Severity of an anomaly: how soon a person should look.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Severity {
-    /// For information.
-    Info,
-    /// A check should be planned.
-    Warning,
-    /// Should be checked before the next shift.
-    Critical,
-}
-
-impl Severity {
-    /// All severities, the mildest first.
-    pub const ALL: [Self; 3] = [Self::Info, Self::Warning, Self::Critical];
-
-    /// Name as in the view `anomalies`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Info => "info",
-            Self::Warning => "warning",
-            Self::Critical => "critical",
-        }
+crate::named_enum! {
+    /// Severity of an anomaly: how soon a person should look.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Severity {
+        /// For information.
+        Info = "info",
+        /// A check should be planned.
+        Warning = "warning",
+        /// Should be checked before the next shift.
+        Critical = "critical",
     }
 }
 
@@ -300,33 +287,19 @@ impl Anomaly {
     }
 }
 
-/// State of knowledge about a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Knowledge {
-    /// The latest test gave values that are comparable with the baseline. They agree with it unless there is an
-    /// anomaly.
-    Compared,
-    /// The history is too short for a baseline.
-    Learning,
-    /// The latest test gave a value out of bounds, which one test alone does not decide, or none for this joint.
-    Unsettled,
-    /// The latest test gave no result for any joint.
-    NoResult,
-}
-
-impl Knowledge {
-    /// All states.
-    pub const ALL: [Self; 4] = [Self::Compared, Self::Learning, Self::Unsettled, Self::NoResult];
-
-    /// Name as stored.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Compared => "compared",
-            Self::Learning => "learning",
-            Self::Unsettled => "unsettled",
-            Self::NoResult => "no_result",
-        }
+crate::named_enum! {
+    /// State of knowledge about a joint.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Knowledge {
+        /// The latest test gave values that are comparable with the baseline. They agree with it unless there is an
+        /// anomaly.
+        Compared = "compared",
+        /// The history is too short for a baseline.
+        Learning = "learning",
+        /// The latest test gave a value out of bounds, which one test alone does not decide, or none for this joint.
+        Unsettled = "unsettled",
+        /// The latest test gave no result for any joint.
+        NoResult = "no_result",
     }
 }
 

@@ -3,6 +3,8 @@
 //!
 //! Angles are in rad, positions in m, torques in Nm, times in s; joints count from 0 ([`robot::JointIndex`]).
 
+mod named_enum;
+
 /// Implements `Serialize` for types with a `name`, so that JSON has the names of the views.
 #[macro_export]
 macro_rules! serialize_by_name {

@@ -422,36 +422,20 @@ impl RunKind {
     }
 }
 
-/// Status of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum RunStatus {
-    /// Cycles are being stored.
-    Streaming,
-    /// Every cycle is stored.
-    Complete,
-    /// The export could not be read; the reason is stored with the run.
-    Quarantined,
-    /// A corrected export superseded it; its stored results are kept, but take no part in conclusions.
-    Superseded,
-    /// It was read completely, but takes no part in conclusions: a person has set it aside, or its start is
-    /// implausible.
-    SetAside,
-}
-
-impl RunStatus {
-    /// All statuses.
-    pub const ALL: [Self; 5] =
-        [Self::Streaming, Self::Complete, Self::Quarantined, Self::Superseded, Self::SetAside];
-
-    /// Name as in the view `runs`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Streaming => "streaming",
-            Self::Complete => "complete",
-            Self::Quarantined => "quarantined",
-            Self::Superseded => "superseded",
-            Self::SetAside => "set_aside",
-        }
+crate::named_enum! {
+    /// Status of a run.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+    pub enum RunStatus {
+        /// Cycles are being stored.
+        Streaming = "streaming",
+        /// Every cycle is stored.
+        Complete = "complete",
+        /// The export could not be read; the reason is stored with the run.
+        Quarantined = "quarantined",
+        /// A corrected export superseded it; its stored results are kept, but take no part in conclusions.
+        Superseded = "superseded",
+        /// It was read completely, but takes no part in conclusions: a person has set it aside, or its start is
+        /// implausible.
+        SetAside = "set_aside",
     }
 }

@@ -136,7 +136,6 @@ pub fn rows_of_run(
 }
 
 /// File name without extension: `{robot}_{YYYYMMDD}_{HHMM}_Col{columns}_{warming}s_cycle{cycles}`, UTC.
-#[must_use]
 pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: Timestamp) -> String {
     let SimulationSettings { robot_name, warming_s, cycles, .. } = settings;
     let native = || column_count(joint_count) + settings.temperatures.columns.count(joint_count);

@@ -150,7 +150,6 @@ impl Default for SimulationSettings {
 
 impl SimulationSettings {
     /// A test like that of the source: 24 cycles at 250 Hz with 180 s of warming.
-    #[must_use]
     pub fn full_test() -> Self {
         Self { sample_rate_hz: 250.0, cycles: 24, warming_s: 180.0, ..Self::default() }
     }

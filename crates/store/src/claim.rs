@@ -79,7 +79,6 @@ impl Store {
 }
 
 /// The lock file of a daemon, next to the database file that links lead to.
-#[must_use]
 pub fn lock_file_of(database: &Path) -> PathBuf {
     let real = database.canonicalize().unwrap_or_else(|_| database.to_path_buf());
     let mut name = real.into_os_string();

@@ -352,7 +352,6 @@ impl StoreError {
 
     /// Returns true if no later call can succeed, so that the process should stop. The store stays usable after a busy
     /// database, a server that does not answer, refused values or a run that is gone.
-    #[must_use]
     pub fn is_fatal(&self) -> bool {
         !matches!(
             self,

@@ -108,14 +108,12 @@ impl FinishTransaction {
     }
 
     /// The run that this one has superseded in [`FinishTransaction::adopt`].
-    #[must_use]
     pub fn replaced(&self) -> Option<Replaced> {
         self.replaced
     }
 
     /// The run of the same recording that stays in force because no cycle of this one has a result; found by
     /// [`FinishTransaction::adopt`].
-    #[must_use]
     pub fn kept(&self) -> Option<i64> {
         self.kept
     }

@@ -194,7 +194,6 @@ const PLACEMENT_GRAIN: f64 = 1e-9;
 /// Hash that distinguishes descriptions in the database. It includes everything that determines the meaning of base
 /// parameters: joint kinds, geometry, gravity, friction columns, couplings, springs and parallelograms. Compare
 /// [`StoredModel::description_hash`].
-#[must_use]
 pub fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     let mut add = |value: f64| {
@@ -293,7 +292,6 @@ pub struct StoredModel {
 impl StoredModel {
     /// Returns true if `robot` agrees in everything that determines base parameters, so that both have the same base
     /// parameters.
-    #[must_use]
     pub fn describes(&self, robot: &Robot) -> bool {
         self.description_hash == description_hash(robot)
     }

@@ -57,7 +57,6 @@ pub struct FreeSpace {
 
 impl FreeSpace {
     /// Unused bytes.
-    #[must_use]
     pub fn bytes(&self) -> u64 {
         self.page_bytes * self.free_pages
     }

@@ -37,7 +37,6 @@ const READERS_GRANT: &str = "GRANT USAGE ON SCHEMA armwatch, GRANT SELECT ON ALL
 
 impl Store {
     /// True if this is a snapshot, which has no factors of cycles.
-    #[must_use]
     pub fn is_snapshot(&self) -> bool {
         self.is_snapshot
     }

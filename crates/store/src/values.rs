@@ -140,7 +140,6 @@ pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
 ///
 /// The rounding is that of SQLite, which counts milliseconds from the noon of 4714 BC in floating point, so that the
 /// text equals that of the view to the last digit.
-#[must_use]
 pub fn time_in_views(time: Timestamp) -> String {
     /// Milliseconds from that noon to 1970.
     const TO_1970: f64 = 210_866_760_000_000.0;

@@ -53,7 +53,6 @@ impl FromRow<'_, EngineRow> for ViewColumn {
 }
 
 /// The public views, in the order of their descriptions in `docs/schema.md`.
-#[must_use]
 pub fn public_views() -> &'static [PublicView] {
     &VIEWS
 }

@@ -80,51 +80,35 @@ pub struct FleetHealthRow {
     pub forecast: Option<Forecast>,
 }
 
-/// Status of a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum HealthStatus {
-    /// No alarm.
-    Ok,
-    /// The history is too short for a baseline.
-    Learning,
-    /// A check should be planned.
-    Warning,
-    /// Should be checked before the next shift.
-    Critical,
-    /// The latest test gives no status; the reason explains it.
-    Unknown,
-    /// No test came for longer than usual.
-    Overdue,
+armwatch_model::named_enum! {
+    /// Status of a joint.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum HealthStatus {
+        /// No alarm.
+        Ok = "ok",
+        /// The history is too short for a baseline.
+        Learning = "learning",
+        /// A check should be planned.
+        Warning = "warning",
+        /// Should be checked before the next shift.
+        Critical = "critical",
+        /// The latest test gives no status; the reason explains it.
+        Unknown = "unknown",
+        /// No test came for longer than usual.
+        Overdue = "overdue",
+    }
 }
 
 armwatch_model::serialize_by_name!(HealthStatus);
 
 impl HealthStatus {
-    /// Every status.
-    pub const ALL: [Self; 6] =
-        [Self::Ok, Self::Learning, Self::Warning, Self::Critical, Self::Unknown, Self::Overdue];
-
     /// Every status, the worst first: a robot has the status of its worst joint.
     pub const WORST_FIRST: [Self; 6] =
         [Self::Critical, Self::Warning, Self::Overdue, Self::Unknown, Self::Learning, Self::Ok];
 
     /// Its rank: 0 is the worst.
-    #[must_use]
     pub fn rank(self) -> usize {
         Self::WORST_FIRST.iter().position(|status| *status == self).unwrap_or(Self::WORST_FIRST.len())
-    }
-
-    /// Name as in the view `fleet_health`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::Learning => "learning",
-            Self::Warning => "warning",
-            Self::Critical => "critical",
-            Self::Unknown => "unknown",
-            Self::Overdue => "overdue",
-        }
     }
 }
 
@@ -197,7 +181,6 @@ pub struct AnomalyRow {
 
 impl AnomalyRow {
     /// Number of the joint as people read it, from 1; `None` if the cause affects the whole arm.
-    #[must_use]
     pub fn joint_number(&self) -> Option<usize> {
         self.joint.map(JointIndex::number)
     }

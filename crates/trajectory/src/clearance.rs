@@ -99,7 +99,6 @@ pub struct Nearest {
 
 impl Clearance {
     /// Pairs from the description of `robot` and its `cell`: pairs of links, and every moving link with every obstacle.
-    #[must_use]
     pub fn new(robot: &Robot, cell: &Cell) -> Self {
         let capsules = &robot.shape.capsules;
         let of_link = |link: usize| (0..capsules.len()).filter(move |&k| capsules[k].link == link);
@@ -121,7 +120,6 @@ impl Clearance {
     }
 
     /// Returns true if there are no pairs.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
@@ -130,7 +128,6 @@ impl Clearance {
     ///
     /// # Panics
     /// If there is no such pair.
-    #[must_use]
     pub fn name(&self, pair: usize) -> String {
         let Pair { capsule, other } = self.pairs[pair];
         let link = |k: usize| match self.capsules[k].link {
@@ -322,7 +319,6 @@ fn point_slope(robot: &Robot, frame: &Transform, j: usize, point: &Vector3<f64>)
 ///
 /// Between instants a joint `j` travels at most `|qd_j| h + a_j h² / 2` from the nearer one, with its largest
 /// acceleration `a_j` and `h` half a step, and no point moves more than the sum of that times its lever.
-#[must_use]
 pub fn nearest_of_series(robot: &Robot, clearance: &Clearance, series: &FourierExcitation) -> Vec<Nearest> {
     let period = 1.0 / series.base_frequency;
     let instants = (period * CHECK_RATE_HZ).ceil();
@@ -343,7 +339,6 @@ pub fn nearest_of_series(robot: &Robot, clearance: &Clearance, series: &FourierE
 
 /// Smallest distance of each pair in a motion of times, s, and postures `[n]`, joined by straight lines. The motion is
 /// checked so often between two postures that no joint moves more than a few mrad (mm).
-#[must_use]
 pub fn nearest_of_postures(
     robot: &Robot,
     clearance: &Clearance,

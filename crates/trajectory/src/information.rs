@@ -21,7 +21,6 @@ pub struct Information(Mat<f64>);
 
 impl Information {
     /// No information about `parameters` parameters.
-    #[must_use]
     pub fn none(parameters: usize) -> Self {
         Self(Mat::zeros(parameters, parameters))
     }
@@ -108,13 +107,11 @@ impl Information {
     ///
     /// # Panics
     /// If they have different numbers of parameters.
-    #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         Self(&self.0 + &other.0)
     }
 
     /// Information of `rows` times as many rows.
-    #[must_use]
     pub fn times(&self, rows: f64) -> Self {
         Self(Scale(rows) * &self.0)
     }

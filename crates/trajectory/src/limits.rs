@@ -37,7 +37,6 @@ pub struct Shares {
 
 impl MotionLimits {
     /// Limits as shares of those in the description.
-    #[must_use]
     pub fn of(joint: &Joint, shares: &Shares) -> Self {
         let limits = &joint.limits;
         let middle = 0.5 * (limits.position_min + limits.position_max);
@@ -52,13 +51,11 @@ impl MotionLimits {
     }
 
     /// Middle of the range.
-    #[must_use]
     pub fn middle(&self) -> f64 {
         0.5 * (self.position_min + self.position_max)
     }
 
     /// Half the range.
-    #[must_use]
     pub fn half_range(&self) -> f64 {
         0.5 * (self.position_max - self.position_min)
     }
@@ -105,7 +102,6 @@ pub struct Extremes {
 ///
 /// # Panics
 /// If the series has no such joint.
-#[must_use]
 pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
     let own = FourierExcitation {
         base_frequency: series.base_frequency,
@@ -164,7 +160,6 @@ pub enum Limited {
 
 impl Limited {
     /// Unit of its values.
-    #[must_use]
     pub fn unit(self, kind: JointKind) -> &'static str {
         match (self, kind) {
             (Self::LowestPosition | Self::HighestPosition, JointKind::Revolute) => "rad",
@@ -210,14 +205,12 @@ pub struct Breach {
 
 impl Breach {
     /// Excess over the limit, positive.
-    #[must_use]
     pub fn excess(&self) -> f64 {
         (self.value - self.limit).abs()
     }
 }
 
 /// Limits of the arm that a series breaks, also between the checked instants.
-#[must_use]
 pub fn broken_by_series(robot: &Robot, series: &FourierExcitation) -> Vec<Breach> {
     let mut breaches = Vec::new();
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
@@ -298,7 +291,6 @@ const LONGEST_INTERVAL_S: f64 = 0.05;
 ///
 /// # Panics
 /// If there are fewer joints than the robot has or columns of another length than the times.
-#[must_use]
 pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
     let mut check = SampleCheck::default();
     let whole = Shares { position: 1.0, velocity: 1.0, acceleration: 1.0 };

@@ -50,7 +50,6 @@ impl<'a> ObservationColumns<'a> {
     ///
     /// # Panics
     /// If an index is beyond the last parameter.
-    #[must_use]
     pub fn new(robot: &'a Robot, base: &BaseParameters, chosen: &[usize]) -> Self {
         let kept: Vec<ParameterId> = chosen.iter().map(|&k| base.kept[k]).collect();
         let entries = robot
@@ -61,13 +60,11 @@ impl<'a> ObservationColumns<'a> {
     }
 
     /// Number of columns `b`.
-    #[must_use]
     pub fn columns(&self) -> usize {
         self.columns.len()
     }
 
     /// Indices of a joint's entries among the columns.
-    #[must_use]
     pub fn entries(&self, joint: usize) -> &[usize] {
         &self.entries[joint]
     }
@@ -82,7 +79,6 @@ impl<'a> ObservationColumns<'a> {
     }
 
     /// The product `w' W w` of rows weighted by `weights` `[n]`, each the square of the joint's row scale; `[b x b]`.
-    #[must_use]
     pub fn product(&self, rows: &[JointRows], weights: &[f64]) -> Mat<f64> {
         let b = self.columns();
         let mut product = Mat::<f64>::zeros(b, b);
@@ -106,7 +102,6 @@ impl<'a> ObservationColumns<'a> {
     }
 
     /// Triangular factor of each joint's rows over one period, `[n]`; the torque is zero.
-    #[must_use]
     pub fn joint_factors(&self, series: &FourierExcitation, basis: &Basis) -> Vec<TriangularFactor> {
         let b = self.columns();
         let mut regressors = RegressorLanes::new(self.robot);
@@ -165,7 +160,6 @@ impl<'a> ObservationColumns<'a> {
 
     /// Derivative of `tr(S G)` of the product `G` of [`ObservationColumns::product`] with respect to each entry of a
     /// group's rows: `2 W w S`.
-    #[must_use]
     pub fn product_slope(&self, rows: &JointRows, slope: MatRef<'_, f64>, weights: &[f64]) -> JointRows {
         let of_joint = |(joint, entries): (usize, &Vec<usize>)| {
             let row = &rows[joint];

@@ -105,7 +105,6 @@ fn friction_direction(robot: &Robot, base: &BaseParameters, joint: JointIndex) -
 }
 
 /// Change of the base parameters `[b]` by 1 kg at the tool frame.
-#[must_use]
 pub fn load_direction(robot: &Robot, base: &BaseParameters) -> Vec<f64> {
     let body =
         StandardParameters::from_centre_of_mass(1.0, &robot.tool.translation, &nalgebra::Matrix3::zeros());

@@ -141,7 +141,6 @@ impl<'a> SearchProblem<'a> {
     }
 
     /// Number of variables for a series.
-    #[must_use]
     pub fn dimension(&self) -> usize {
         self.per_joint() * self.robot.joint_count()
     }
@@ -151,13 +150,11 @@ impl<'a> SearchProblem<'a> {
     }
 
     /// The arm.
-    #[must_use]
     pub fn robot(&self) -> &'a Robot {
         self.robot
     }
 
     /// Settings of the search.
-    #[must_use]
     pub fn settings(&self) -> &SearchSettings {
         &self.settings
     }
@@ -168,7 +165,6 @@ impl<'a> SearchProblem<'a> {
     ///
     /// # Panics
     /// If there are fewer variables than [`SearchProblem::dimension`].
-    #[must_use]
     pub fn series(&self, x: &[f64]) -> FourierExcitation {
         let harmonics = self.settings.harmonics;
         let free = harmonics - 1;
@@ -257,7 +253,6 @@ impl<'a> SearchProblem<'a> {
     }
 
     /// Number of instants per period.
-    #[must_use]
     pub fn instants(&self) -> usize {
         self.basis.instants()
     }
@@ -312,7 +307,6 @@ impl<'a> SearchProblem<'a> {
 
     /// Makes the series smaller, joint by joint, and shifts it until it keeps every limit of the motion, also between
     /// instants.
-    #[must_use]
     pub fn within_limits(&self, mut series: FourierExcitation) -> FourierExcitation {
         for (j, limits) in self.settings.limits.iter().enumerate() {
             let found = extremes(&series, j);

@@ -29,7 +29,6 @@ pub struct Basis {
 
 impl Basis {
     /// A basis of `instants` instants from 0 on over one period of the base frequency, Hz.
-    #[must_use]
     pub fn new(base_frequency: f64, harmonics: usize, instants: usize) -> Self {
         let angle = |k: usize, l: usize| TAU * ((k * l) % instants) as f64 / instants as f64;
         let waves = (0..instants.div_ceil(LANES))
@@ -46,43 +45,36 @@ impl Basis {
     }
 
     /// Harmonics `N`.
-    #[must_use]
     pub fn harmonics(&self) -> usize {
         self.harmonics
     }
 
     /// Instants of a period.
-    #[must_use]
     pub fn instants(&self) -> usize {
         self.instants
     }
 
     /// Base frequency, Hz.
-    #[must_use]
     pub fn base_frequency(&self) -> f64 {
         self.base_frequency
     }
 
     /// Angular frequency of harmonic `l`, rad/s.
-    #[must_use]
     pub fn angular_frequency(&self, l: usize) -> f64 {
         TAU * self.base_frequency * l as f64
     }
 
     /// Groups of [`LANES`] instants; the last may be incomplete.
-    #[must_use]
     pub fn groups(&self) -> usize {
         self.instants.div_ceil(LANES)
     }
 
     /// 1 in each lane of a group that is an instant, 0 in those beyond the last.
-    #[must_use]
     pub fn present(&self, group: usize) -> Lanes {
         Lanes(std::array::from_fn(|lane| f64::from(u8::from(group * LANES + lane < self.instants))))
     }
 
     /// Sine and cosine of harmonics 1 to `N` at a group's instants.
-    #[must_use]
     pub fn waves(&self, group: usize) -> &[[Lanes; 2]] {
         &self.waves[group * self.harmonics..][..self.harmonics]
     }
@@ -92,7 +84,6 @@ impl Basis {
     /// # Panics
     /// If the series has other harmonics than the basis or more joints than
     /// [`MAX_JOINTS`](armwatch_model::robot::MAX_JOINTS).
-    #[must_use]
     pub fn states(&self, series: &FourierExcitation, group: usize) -> LaneStates {
         let mut states = LaneStates::default();
         for (j, (a, b)) in series.a.iter().zip(&series.b).enumerate() {
@@ -112,7 +103,6 @@ impl Basis {
 
 impl Basis {
     /// Jerk of one joint at a group's instants, rad/s³ (m/s³).
-    #[must_use]
     pub fn jerk(&self, a: &[f64], b: &[f64], group: usize) -> Lanes {
         let mut jerk = Lanes::ZERO;
         for (l, &[sine, cosine]) in self.waves(group).iter().enumerate() {
@@ -127,7 +117,6 @@ impl Basis {
 ///
 /// # Panics
 /// If the series has no such joint.
-#[must_use]
 pub fn jerk_at(series: &FourierExcitation, joint: usize, t: f64) -> f64 {
     let harmonics = (1..).zip(series.a[joint].iter().zip(&series.b[joint]));
     harmonics
@@ -140,7 +129,6 @@ pub fn jerk_at(series: &FourierExcitation, joint: usize, t: f64) -> f64 {
 }
 
 /// Position, velocity and acceleration of all joints at the time `t`, s.
-#[must_use]
 pub fn state_at(series: &FourierExcitation, t: f64) -> Vec<[f64; 3]> {
     let of_joint = |((a, b), centre): ((&Vec<f64>, &Vec<f64>), &f64)| {
         let mut state = [*centre, 0.0, 0.0];
@@ -159,7 +147,6 @@ pub fn state_at(series: &FourierExcitation, t: f64) -> Vec<[f64; 3]> {
 /// Upper bound of the largest magnitude of a series of `harmonics` harmonics, relative to that at `instants` evenly
 /// spaced instants of its period: `1 / cos(pi N / M)` for `M > 2 N` (Ehlich & Zeller 1964, Schwankung von Polynomen
 /// zwischen Gitterpunkten). Infinite if there are too few instants.
-#[must_use]
 pub fn between_instants(harmonics: usize, instants: usize) -> f64 {
     if instants <= 2 * harmonics {
         return f64::INFINITY;

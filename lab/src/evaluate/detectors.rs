@@ -14,19 +14,21 @@ const REFERENCE_RUNS: usize = 4 * BASELINE_RUNS;
 const CUSUM_ALLOWANCE: f64 = 0.5;
 const CUSUM_LIMIT: f64 = 5.0;
 
-/// A detector on histories.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum HistoryDetector {
-    /// [`detect`] with the shipped settings.
-    Armwatch,
-    /// An alarm of every joint in every run.
-    Always,
-    /// No alarm.
-    Never,
-    /// The friction index is three standard deviations away from its mean over the first twenty runs.
-    ThreeSigma,
-    /// Tabular CUSUM of the friction index, allowance 0.5 and limit 5 standard deviations of the first twenty runs.
-    Cusum,
+armwatch_model::named_enum! {
+    /// A detector on histories.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum HistoryDetector {
+        /// [`detect`] with the shipped settings.
+        Armwatch = "armwatch",
+        /// An alarm of every joint in every run.
+        Always = "always",
+        /// No alarm.
+        Never = "never",
+        /// The friction index is three standard deviations away from its mean over the first twenty runs.
+        ThreeSigma = "three-sigma",
+        /// Tabular CUSUM of the friction index, allowance 0.5 and limit 5 standard deviations of the first twenty runs.
+        Cusum = "cusum",
+    }
 }
 
 /// An anomaly that was a warning or critical in one run at least.
@@ -67,21 +69,6 @@ impl LabAlarm {
 }
 
 impl HistoryDetector {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::Armwatch, Self::Always, Self::Never, Self::ThreeSigma, Self::Cusum];
-
-    /// Name in tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Armwatch => "armwatch",
-            Self::Always => "always",
-            Self::Never => "never",
-            Self::ThreeSigma => "three-sigma",
-            Self::Cusum => "cusum",
-        }
-    }
-
     /// Its alarms over a history.
     pub(super) fn alarms(self, history: &[RunSummary]) -> Vec<LabAlarm> {
         match self {

@@ -90,7 +90,6 @@ pub fn evaluate(
 
 impl DetectorScore {
     /// Computes the scores from the outcomes of robots with any of `scenarios`.
-    #[must_use]
     pub fn of(detector: HistoryDetector, scenarios: &[Scenario], all: &[&RobotOutcome]) -> Self {
         let of = |scenario: Scenario| {
             let own: Vec<&RobotOutcome> = all.iter().copied().filter(|of| of.scenario == scenario).collect();

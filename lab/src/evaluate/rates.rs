@@ -96,7 +96,6 @@ pub struct RateSettings {
 }
 
 /// Realised rates of all kinds of series. The same settings give the same results for any number of threads.
-#[must_use]
 pub fn realised_rates(settings: &RateSettings, on_piece: &(dyn Fn() + Sync)) -> Vec<RealisedRate> {
     let mut kinds = Vec::new();
     for freedom in FREEDOMS {
@@ -125,13 +124,11 @@ pub fn realised_rates(settings: &RateSettings, on_piece: &(dyn Fn() + Sync)) -> 
 }
 
 /// Pieces of work of [`realised_rates`].
-#[must_use]
 pub fn rate_pieces(series: usize) -> usize {
     FREEDOMS.len() * CORRELATIONS.len() * LEARNT.len() * RATES.len() * series.div_ceil(YEARS_AT_ONCE)
 }
 
 /// Mean delays, from [`RateSettings::series`] series each.
-#[must_use]
 pub fn delays(settings: &RateSettings) -> Vec<Delay> {
     let mut kinds = Vec::new();
     for freedom in FREEDOMS {
@@ -194,7 +191,6 @@ pub struct LevelDelay {
 }
 
 /// Delays for the level of friction at one false alarm per year.
-#[must_use]
 pub fn level_delays() -> Vec<LevelDelay> {
     let run_length = Budget::new(1.0, JOINTS, &[]).run_length();
     let half_width = average::limit(EWMA_WEIGHT, run_length) * (EWMA_WEIGHT / (2.0 - EWMA_WEIGHT)).sqrt();

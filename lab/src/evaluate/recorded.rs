@@ -69,7 +69,6 @@ pub struct JointUnit {
 impl RecordedRobot {
     /// Draws robot `unit` of a scenario, an arm of `joints` joints that is tested `tests` times. `size` replaces the
     /// drawn one. The same arguments give the same robot.
-    #[must_use]
     pub fn draw(
         scenario: Scenario,
         size: Option<f64>,
@@ -123,7 +122,6 @@ impl RecordedRobot {
 
 impl RecordedRobot {
     /// Speed of test `run`, from 0, as a fraction of the usual one, and its rate, Hz.
-    #[must_use]
     pub fn speed_and_rate(&self, run: u32) -> (f64, f64) {
         if self.scenario != Scenario::Override {
             return (1.0, self.sample_rate_hz);

@@ -211,43 +211,36 @@ impl Scenario {
     }
 
     /// Name on the command line.
-    #[must_use]
     pub fn name(self) -> &'static str {
         self.row().name
     }
 
     /// The kind of the right alarm; `None` if any alarm is false.
-    #[must_use]
     pub fn kind(self) -> Option<AnomalyKind> {
         self.row().kind
     }
 
     /// Returns true if test `number`, from 0, is a short check.
-    #[must_use]
     pub fn is_check(self, number: usize) -> bool {
         self == Self::MixedTests && number % 4 != 3
     }
 
     /// Fraction of the heaviest tool that test `number`, from 0, carries if tools change in turn.
-    #[must_use]
     pub fn tool(self, number: usize) -> f64 {
         if self == Self::ToolPlan { [0.0, 0.4, 1.0][number % 3] } else { 0.0 }
     }
 
     /// Returns true if it can be simulated as test results.
-    #[must_use]
     pub fn has_figures(self) -> bool {
         self.row().roads != Roads::Exports
     }
 
     /// Returns true if it can be simulated as exports.
-    #[must_use]
     pub fn has_exports(self) -> bool {
         self.row().roads != Roads::Figures
     }
 
     /// Meaning of the event's drawn size, with its unit; empty if there is none.
-    #[must_use]
     pub fn size(self) -> &'static str {
         self.row().size
     }

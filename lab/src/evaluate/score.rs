@@ -208,7 +208,6 @@ const SIZE_BINS: usize = 6;
 
 impl ScenarioScore {
     /// Computes the score from the outcomes of one scenario.
-    #[must_use]
     pub fn of(scenario: Scenario, outcomes: &[&RobotOutcome]) -> Self {
         let found: Vec<&FirstAlarm> = outcomes.iter().filter_map(|of| of.found.as_ref()).collect();
         let count = |of: &dyn Fn(&FirstAlarm) -> bool| found.iter().filter(|found| of(found)).count();
@@ -254,19 +253,16 @@ impl ScenarioScore {
     }
 
     /// Alarms per robot since the event, in addition to the right one.
-    #[must_use]
     pub fn further_a_robot(&self) -> f64 {
         self.further_kinds.values().sum::<usize>() as f64 / self.robots.max(1) as f64
     }
 
     /// Right alarms per robot since the event, except the first.
-    #[must_use]
     pub fn repeated_a_robot(&self) -> f64 {
         self.repeated as f64 / self.robots.max(1) as f64
     }
 
     /// False alarms per robot-year with their 95 % interval.
-    #[must_use]
     pub fn rate(&self) -> (f64, [f64; 2]) {
         rate(self.false_alarms, self.years)
     }
@@ -304,7 +300,6 @@ fn by_size(scenario: Scenario, outcomes: &[&RobotOutcome]) -> Vec<SizeBin> {
 }
 
 /// Events per year, with the exact 95 % interval of a Poisson count (Garwood 1936).
-#[must_use]
 pub fn rate(events: usize, years: f64) -> (f64, [f64; 2]) {
     let count = events as f64;
     // the tail of chi-square with 2 k degrees of freedom at 2 m is the probability of fewer than k events of mean m
@@ -322,7 +317,6 @@ pub fn rate(events: usize, years: f64) -> (f64, [f64; 2]) {
 }
 
 /// 95 % interval of a probability that `of` in `all` estimates (Wilson 1927).
-#[must_use]
 pub fn share_95(of: usize, all: usize) -> [f64; 2] {
     let (n, z) = (all.max(1) as f64, normal_quantile(0.975));
     let share = of as f64 / n;
@@ -334,7 +328,6 @@ pub fn share_95(of: usize, all: usize) -> [f64; 2] {
 /// Mean, over the kinds that occurred, of F1 of the final kind of the first alarm since the event. A missed event, or
 /// one with an alarm of another kind, counts against its own kind; an alarm of a robot without an event counts against
 /// the kind of its first alarm. NaN without events.
-#[must_use]
 pub fn macro_f1(outcomes: &[&RobotOutcome]) -> f64 {
     let mut scores = Vec::new();
     for kind in AnomalyKind::ALL {

@@ -24,7 +24,6 @@ use armwatch_model::text;
 use armwatch_store::{Store, TestWindow};
 
 /// Warning about a run of this robot that began before the first unsettled one.
-#[must_use]
 pub fn too_late(robot: &str, boundary: Timestamp) -> String {
     format!(
         "it began before {}, and conclusions of {} from before that time are final: it is stored, but no \

@@ -338,7 +338,6 @@ fn age(modified: SystemTime) -> f64 {
 
 /// Reads an export with a layout that is not in the configuration yet. Analyses its cycles if `is_analysed` and the
 /// robot's description permits it. Returns the contents together with the fault that ended reading, if any.
-#[must_use]
 pub fn try_layout(
     path: &Path,
     layout: &Layout,

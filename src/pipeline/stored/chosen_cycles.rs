@@ -33,7 +33,6 @@ pub struct RunCycles {
 
 impl RunCycles {
     /// All cycles of a run that no person named.
-    #[must_use]
     pub fn all(run_id: i64) -> Self {
         Self { run_id, cycles: None, named: false }
     }
@@ -455,7 +454,6 @@ async fn without_cycles(store: &Store, run_id: i64) -> Result<String, StoreError
 }
 
 /// Numbers as ranges, such as `1-8, 10`; only the first ranges and the last one if there are many, `none` if empty.
-#[must_use]
 pub fn in_ranges(numbers: impl IntoIterator<Item = i64>) -> String {
     /// more would hide the point of the sentence
     const MOST: usize = 8;
@@ -476,7 +474,6 @@ pub fn in_ranges(numbers: impl IntoIterator<Item = i64>) -> String {
 }
 
 /// Notes on cycles in one sentence; consecutive cycles of a run with the same reason are combined.
-#[must_use]
 pub fn told(noted: &[NotedCycle]) -> String {
     let alike = noted.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
     let parts: Vec<String> = alike

@@ -45,13 +45,11 @@ pub struct PayloadQuantity {
 
 impl RunPayload {
     /// Returns true if the motion shows the mass.
-    #[must_use]
     pub fn has_mass(&self) -> bool {
         self.quantities.first().is_some_and(|mass| mass.value.is_some())
     }
 
     /// Names of the quantities that the motion does not show.
-    #[must_use]
     pub fn unseen(&self) -> Vec<&'static str> {
         self.quantities.iter().filter(|of| of.value.is_none()).map(|of| of.quantity).collect()
     }

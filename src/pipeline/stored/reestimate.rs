@@ -30,7 +30,6 @@ pub enum EstimatorChoice {
 
 impl EstimatorChoice {
     /// The kind of the estimator.
-    #[must_use]
     pub fn kind(&self) -> EstimatorKind {
         match self {
             Self::Stacked(estimator) => estimator.kind(),

@@ -142,7 +142,6 @@ impl<'i> Cutting<'i> {
     }
 
     /// Cycles cut so far, including those stored by an earlier attempt.
-    #[must_use]
     pub fn cycle_count(&self) -> u32 {
         self.cycle_count
     }

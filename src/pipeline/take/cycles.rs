@@ -205,37 +205,31 @@ impl RowCutter {
     }
 
     /// Bytes of memory of the rows that are in no cycle yet.
-    #[must_use]
     pub fn open_bytes(&self) -> usize {
         (self.cutter.open_rows() + self.stages.held_rows()) * self.row_bytes
     }
 
     /// Rows of slower channels in the cycles that were cut.
-    #[must_use]
     pub fn filled(&self) -> Filled {
         self.filled
     }
 
     /// Returns true if all cut cycles are taken: the next cycle then begins at the cutter's position.
-    #[must_use]
     pub fn all_taken(&self) -> bool {
         self.ready.is_empty() && self.short.is_empty()
     }
 
     /// State of the stage finder before the next row.
-    #[must_use]
     pub fn stages(&self) -> FinderState {
         self.stages.state()
     }
 
     /// State of the cutter.
-    #[must_use]
     pub fn cutter(&self) -> CutterState {
         self.cutter.state()
     }
 
     /// Rows whose stage is known; later rows wait.
-    #[must_use]
     pub fn rows_settled(&self) -> u64 {
         self.rows_settled
     }
@@ -503,19 +497,16 @@ impl RowCutter {
 
     /// Hash of time, positions and torques of the first rows, in SI units: it does not depend on how the file writes
     /// them.
-    #[must_use]
     pub fn first_rows(&self) -> ContentHash {
         self.first_rows.known.unwrap_or_else(|| fingerprint::of_bytes(&self.first_rows.bytes))
     }
 
     /// Time from the first row to the last one so far, s.
-    #[must_use]
     pub fn last_time(&self) -> f64 {
         self.last_time
     }
 
     /// Rows per second of the first rows, Hz; zero if unknown.
-    #[must_use]
     pub fn sample_rate(&self) -> f64 {
         let found = || sample_rate(&self.first_times).unwrap_or(0.0);
         self.known_rate.unwrap_or_else(found)

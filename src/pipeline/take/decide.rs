@@ -108,7 +108,6 @@ pub enum Unfinished {
 }
 
 /// Decides how to treat an export.
-#[must_use]
 pub fn decide(facts: &Facts) -> Decision {
     let chosen = chosen(&facts.earlier, facts.on_rewrite);
     if let Some(known) = &facts.known {
@@ -138,7 +137,6 @@ pub fn decide(facts: &Facts) -> Decision {
 }
 
 /// Returns true if the treatment of a known export is final, so that it is not read.
-#[must_use]
 pub fn is_decided(known: &KnownRun, retry: Retry) -> bool {
     match known.status {
         RunStatus::Complete => retry != Retry::Complete,

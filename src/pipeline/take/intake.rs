@@ -338,7 +338,6 @@ async fn leave(
 }
 
 /// The outcome of an export whose run decides its treatment.
-#[must_use]
 pub fn decided(path: &Path, known: KnownRun) -> Outcome {
     match known.status {
         RunStatus::Quarantined => Outcome::Quarantined {
@@ -354,7 +353,6 @@ pub fn decided(path: &Path, known: KnownRun) -> Outcome {
 }
 
 /// Number, size and time of a file; `None` if it does not exist, or the file system does not report them.
-#[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
     let state = parts::state(path).ok()?;
     let modified = Timestamp::try_from(state.changed).ok()?;
@@ -460,7 +458,6 @@ pub struct Recognised<'a> {
 
 impl Recognised<'_> {
     /// Robot and start of the recording, if the name gives them.
-    #[must_use]
     pub fn recording(&self) -> Option<(&str, Timestamp)> {
         self.is_definite.then_some((self.robot.as_str(), self.started_at))
     }
@@ -520,7 +517,6 @@ async fn quarantined(
 }
 
 /// Facts about an export before its rows are read; `ledger_path` is the result of [`ledger_path`].
-#[must_use]
 pub fn header(
     path: &Path,
     ledger_path: String,
@@ -548,7 +544,6 @@ pub(in crate::pipeline) fn file_name(path: &Path) -> String {
 }
 
 /// A path in the form of the ledger.
-#[must_use]
 pub fn ledger_path(store: &Store, path: &Path) -> String {
     store.located(source::path_text(path))
 }
@@ -562,7 +557,6 @@ pub(in crate::pipeline) fn path_identity(store: &Store, path: &Path) -> ContentH
 }
 
 /// Modification time of a file, the best estimate of its recording's time if its name has none.
-#[must_use]
 pub fn file_time(path: &Path) -> Timestamp {
     parts::state(path)
         .ok()

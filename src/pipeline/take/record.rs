@@ -198,7 +198,6 @@ pub async fn finish(
 }
 
 /// The time `duration` seconds before `end`, to the microsecond.
-#[must_use]
 pub fn start_before(end: Timestamp, duration: f64) -> Timestamp {
     let duration = Duration::try_from_secs_f64(duration).unwrap_or_default();
     let duration = Duration::from_micros(u64::try_from(duration.as_micros()).unwrap_or_default());

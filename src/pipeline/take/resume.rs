@@ -44,7 +44,6 @@ impl ReadPositions {
     }
 
     /// The point at the last cut of `cutter`. `None` within the first rows, because a point saves nothing there.
-    #[must_use]
     pub fn at_cut(&self, cutter: &RowCutter) -> Option<ResumePoint> {
         let state = cutter.cutter();
         let (position, stages) = self.0.iter().rfind(|(position, _)| position.rows <= state.rows_cut)?;
@@ -68,7 +67,6 @@ impl ReadPositions {
 
 /// Hash of everything besides the bytes that determines the cycles of an export and their results: layout, description,
 /// bounds, settings of the analysis, and program. A run with stored cycles continues only if it is the same.
-#[must_use]
 pub fn settings_hash(
     layout: &Layout,
     robot: &Robot,
@@ -124,7 +122,6 @@ pub fn pass_to_point<R: std::io::Read>(
 
 /// A point in its stored form: version and state by postcard, which keeps every bit of numbers, and a hash of both with
 /// the settings. `None` if it cannot be encoded: the export is then read from its start.
-#[must_use]
 pub fn encoded(point: &ResumePoint, settings: &ContentHash) -> Option<StoredPoint> {
     let mut state = postcard::to_stdvec(&(VERSION, point)).ok()?;
     let check = check(&state, settings);
@@ -133,7 +130,6 @@ pub fn encoded(point: &ResumePoint, settings: &ContentHash) -> Option<StoredPoin
 }
 
 /// The point that [`encoded`] made with these settings; `None` for anything else.
-#[must_use]
 pub fn decoded(state: &[u8], settings: &ContentHash) -> Option<ResumePoint> {
     let (written, found) = state.split_at_checked(state.len().checked_sub(CHECK_BYTES)?)?;
     if check(written, settings).0 != *found {

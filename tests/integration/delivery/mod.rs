@@ -29,11 +29,11 @@ fn workshop(alerts: &str) -> Workshop {
 }
 
 fn configure(workshop: &Workshop, alerts: &str) {
-    let path = workshop.path("armwatch.toml");
-    let all = fs::read_to_string(&path).expect("the configuration");
-    let rest = all.split("# end of alerts\n").last().expect("the rest");
-    let head = "[alerts]\nretry_first_s = 0.1\nretry_most_s = 0.3\n";
-    fs::write(&path, format!("{head}{alerts}\n# end of alerts\n{rest}")).expect("a configuration");
+    workshop.configure(|all| {
+        let rest = all.split("# end of alerts\n").last().expect("the rest");
+        let head = "[alerts]\nretry_first_s = 0.1\nretry_most_s = 0.3\n";
+        format!("{head}{alerts}\n# end of alerts\n{rest}")
+    });
 }
 
 fn webhook(name: &str, url: &str, more: &str) -> String {
@@ -41,8 +41,7 @@ fn webhook(name: &str, url: &str, more: &str) -> String {
 }
 
 fn end(daemon: Daemon) {
-    daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    daemon.stop();
 }
 
 fn keys(posted: &[Posted]) -> Vec<String> {

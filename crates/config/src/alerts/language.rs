@@ -19,7 +19,6 @@ impl Language {
     pub const ALL: [Self; 4] = [Self::English, Self::Italian, Self::German, Self::Chinese];
 
     /// ISO 639 code, as in the configuration.
-    #[must_use]
     pub const fn code(self) -> &'static str {
         match self {
             Self::English => "en",

@@ -34,7 +34,6 @@ pub struct AlertSettings {
 
 impl AlertSettings {
     /// The site of a robot.
-    #[must_use]
     pub fn site_of(&self, robot: &str) -> Option<&str> {
         let of_robot = |site: &&Site| site.robots.iter().any(|pattern| pattern::matches(pattern, robot));
         self.sites.iter().find(of_robot).map(|site| site.name.as_str())
@@ -79,7 +78,6 @@ pub struct Route {
 
 impl Route {
     /// The route of a configuration without one: the log receives everything.
-    #[must_use]
     pub fn log() -> Self {
         Self {
             name: DEFAULT_ROUTE.to_owned(),
@@ -97,7 +95,6 @@ impl Route {
     }
 
     /// Returns true if the route takes anomalies of this kind and severity from robots at this site.
-    #[must_use]
     pub fn takes(&self, robot: &str, site: Option<&str>, kind: AnomalyKind, severity: Severity) -> bool {
         let of_robot =
             |patterns: &Vec<String>| patterns.iter().any(|pattern| pattern::matches(pattern, robot));

@@ -70,14 +70,12 @@ pub enum RecogniseError {
 
 impl Recognition {
     /// The time zone of clocks without an offset; `None` if this machine does not know it.
-    #[must_use]
     pub fn zone(&self) -> Option<jiff::tz::TimeZone> {
         time_zone(&self.time_zone)
     }
 
     /// Returns true if the pattern matches the file name; [`Recognition::recognise`] may use an unmatched name as that
     /// of a robot.
-    #[must_use]
     pub fn fits(&self, file_name: &str) -> bool {
         forms(&composed(file_name)).into_iter().any(|form| self.file_name.is_match(form))
     }

@@ -133,7 +133,6 @@ pub enum TextTime {
 impl TextTime {
     /// Seconds after which a time of day restarts, if all cells have this form; `None` for forms without restart. A
     /// timestamp without a date is a time of day.
-    #[must_use]
     pub fn period_s(&self) -> Option<f64> {
         match self {
             Self::Timestamp => Some(86_400.0),
@@ -145,7 +144,6 @@ impl TextTime {
 
 impl TimeSource {
     /// The column, if there is one.
-    #[must_use]
     pub fn column(&self) -> Option<&Column> {
         match self {
             Self::Column(column) | Self::Restarting(column) | Self::Counter { column, .. } => {
@@ -157,7 +155,6 @@ impl TimeSource {
     }
 
     /// Factor from the column's unit to s; 1 if there is none.
-    #[must_use]
     pub fn to_si(&self) -> f64 {
         match self {
             Self::Column(column) | Self::Restarting(column) | Self::Counter { column, .. } => column.to_si,
@@ -295,14 +292,12 @@ impl Layout {
     }
 
     /// The column of a joint's torque; `None` if it is not recorded.
-    #[must_use]
     pub fn torque_column(&self, joint: JointIndex) -> Option<Column> {
         let is_recorded = !self.without_torque.contains(&joint);
         self.torque.columns.of_joint(joint.number()).filter(|_| is_recorded)
     }
 
     /// The robot, with a mark on the joints whose torque is missing in this layout.
-    #[must_use]
     pub fn described(&self, robot: Arc<Robot>) -> Arc<Robot> {
         if self.without_torque.is_empty() {
             return robot;
@@ -316,7 +311,6 @@ impl Layout {
 
     /// Key and value of the description that multiplies each joint's torque column, `[n]`; `None` for layouts in Nm,
     /// and if the description lacks one.
-    #[must_use]
     pub fn drive_values(&self, robot: &Robot) -> Option<Vec<(&'static str, f64)>> {
         let of_joint = self.drive()?;
         let pair = |joint: &Joint| match of_joint(joint) {
@@ -327,7 +321,6 @@ impl Layout {
     }
 
     /// Delays of recorded torques and velocities of `robot`.
-    #[must_use]
     pub fn delays(&self, robot: &Robot) -> ChannelDelays {
         let n = robot.joint_count();
         ChannelDelays {

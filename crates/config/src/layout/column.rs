@@ -42,7 +42,6 @@ pub enum JointColumns {
 
 impl JointColumns {
     /// The column of the joint with the number `number`, from 1; `None` beyond the end of a list.
-    #[must_use]
     pub fn of_joint(&self, number: usize) -> Option<Column> {
         match self {
             Self::Pattern(pattern) => Some(Column::Name(expanded(pattern, number))),

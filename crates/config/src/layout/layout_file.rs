@@ -50,7 +50,6 @@ pub struct LayoutUnits {
 
 /// The units of the columns that `layout` reads. A prismatic joint's units have the names of a revolute one's if both
 /// are SI.
-#[must_use]
 pub fn layout_units(layout: &Layout) -> LayoutUnits {
     let torque: &[NamedUnit] = match layout.torque_quantity {
         TorqueQuantity::Torque => &TORQUE[..2],

@@ -46,7 +46,6 @@ pub enum StageSource {
 
 impl StageSource {
     /// The common interface of this signal.
-    #[must_use]
     pub fn kind(&self) -> &dyn StageKind {
         match self {
             Self::Signal(kind) => kind,

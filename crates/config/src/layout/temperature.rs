@@ -5,33 +5,21 @@ use super::column_names::ColumnNames;
 use crate::toml::table::Table;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// A unit of temperature in exports.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TemperatureUnit {
-    /// Degrees Celsius.
-    Celsius,
-    /// Kelvin.
-    Kelvin,
-    /// Degrees Fahrenheit.
-    Fahrenheit,
+armwatch_model::named_enum! {
+    /// A unit of temperature in exports.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum TemperatureUnit {
+        /// Degrees Celsius.
+        Celsius = "degC",
+        /// Kelvin.
+        Kelvin = "K",
+        /// Degrees Fahrenheit.
+        Fahrenheit = "degF",
+    }
 }
 
 impl TemperatureUnit {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Celsius, Self::Kelvin, Self::Fahrenheit];
-
-    /// Name in layouts.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Celsius => "degC",
-            Self::Kelvin => "K",
-            Self::Fahrenheit => "degF",
-        }
-    }
-
     /// Converts `value` in this unit to K.
-    #[must_use]
     pub fn kelvin(self, value: f64) -> f64 {
         match self {
             Self::Celsius => value + ZERO_CELSIUS,
@@ -41,7 +29,6 @@ impl TemperatureUnit {
     }
 
     /// Converts `kelvin` to this unit.
-    #[must_use]
     pub fn of_kelvin(self, kelvin: f64) -> f64 {
         match self {
             Self::Celsius => kelvin - ZERO_CELSIUS,

@@ -68,7 +68,6 @@ impl TextEncoding {
     ];
 
     /// Name in a layout.
-    #[must_use]
     pub fn name(self) -> &'static str {
         Self::NAMED.iter().find(|(_, encoding)| *encoding == self).map_or("auto", |(name, _)| name)
     }

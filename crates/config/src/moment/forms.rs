@@ -23,7 +23,6 @@ const NAMED_ORDERS: [&[&str]; 3] = [&["%d", "%Y"], &["%d", "%y"], &["%Y", "%d"]]
 
 /// The formats that give a time for a cell with a time of day. If there are several, the cell does not show the
 /// position of the day.
-#[must_use]
 pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
     let cell = cell.trim_matches(is_blank);
     let pieces = pieces(cell);
@@ -59,7 +58,6 @@ pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
 }
 
 /// Formats in a sentence: `"%d/%m/%Y" or "%m/%d/%Y"`.
-#[must_use]
 pub fn joined_forms(forms: &[MomentFormat]) -> String {
     let quoted: Vec<String> = forms.iter().map(|format| format!("{:?}", format.text())).collect();
     quoted.join(" or ")

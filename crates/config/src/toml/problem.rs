@@ -64,7 +64,6 @@ impl fmt::Display for ConfigErrors {
 
 impl ConfigErrors {
     /// A single problem of a whole file, such as a failed read.
-    #[must_use]
     pub fn of_file(file: &str, problem: String, hint: Option<String>) -> Self {
         Self(vec![ConfigProblem {
             file: file.to_owned(),

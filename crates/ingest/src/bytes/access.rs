@@ -27,13 +27,11 @@ thread_local! {
 
 impl FileAccess {
     /// Access that refuses a file whose path begins with one of `folders` and that is elsewhere because of a link.
-    #[must_use]
     pub fn within(folders: impl IntoIterator<Item = PathBuf>) -> Self {
         Self { within: Some(folders.into_iter().collect()), ..Self::default() }
     }
 
     /// The same conditions with a separate list of calls.
-    #[must_use]
     pub fn apart(&self) -> Self {
         Self { within: self.within.clone(), ..Self::default() }
     }
@@ -45,7 +43,6 @@ impl FileAccess {
     }
 
     /// Start of the oldest call that has not returned.
-    #[must_use]
     pub fn asks_since(&self) -> Option<Instant> {
         let calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner);
         calls.iter().map(|(_, since)| *since).min()

@@ -93,7 +93,6 @@ pub struct Blocks<R> {
 
 impl<R: Read> Blocks<R> {
     /// Creates blocks of about `block_bytes`, at least one line each and 256 MiB at most.
-    #[must_use]
     pub fn new(reader: R, block_bytes: usize, encoding: TextEncoding) -> Self {
         Self {
             reader: TextReader::new(reader, encoding),
@@ -111,7 +110,6 @@ impl<R: Read> Blocks<R> {
 
     /// At the end: number of NUL bytes after the last line, and the line with the first of them; `None` if there are
     /// none.
-    #[must_use]
     pub fn trailing_nuls(&self) -> Option<(u64, u64)> {
         (self.nuls > 0).then_some((self.nuls, self.line))
     }
@@ -178,13 +176,11 @@ impl<R: Read> Blocks<R> {
     }
 
     /// Returns true if nothing is left.
-    #[must_use]
     pub fn is_at_end(&self) -> bool {
         self.at_end && self.pending.is_empty()
     }
 
     /// The detected encoding of the text.
-    #[must_use]
     pub fn encoding(&self) -> Found {
         self.reader.found()
     }

@@ -31,7 +31,6 @@ pub enum Found {
 
 impl Found {
     /// The encoding in the notation of layouts.
-    #[must_use]
     pub fn declared(self) -> TextEncoding {
         match self {
             Self::Utf8 => TextEncoding::Utf8,
@@ -42,7 +41,6 @@ impl Found {
     }
 
     /// Bytes that this UTF-8 text has in the file.
-    #[must_use]
     pub fn bytes_in_file(self, text: &[u8]) -> u64 {
         let count = |is: fn(&u8) -> bool| text.iter().filter(|byte| is(byte)).count() as u64;
         let characters = || count(|byte| byte & 0xC0 != 0x80);
@@ -108,13 +106,11 @@ impl<R> TextReader<R> {
     }
 
     /// The detected encoding of the text read so far.
-    #[must_use]
     pub fn found(&self) -> Found {
         self.found
     }
 
     /// Bytes of the byte order mark.
-    #[must_use]
     pub fn mark_bytes(&self) -> u64 {
         self.mark_bytes
     }

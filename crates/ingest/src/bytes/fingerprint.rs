@@ -84,13 +84,11 @@ pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
 }
 
 /// The empty prefix, with which every file begins.
-#[must_use]
 pub fn nothing() -> ContentPrefix {
     ContentPrefix { bytes: 0, hash: of_bytes(b"") }
 }
 
 /// Number of the file of `metadata`.
-#[must_use]
 pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
     FileId { device: metadata.dev(), inode: metadata.ino() }
 }
@@ -99,7 +97,6 @@ pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
 /// file system sets. Copies and people may set a later modification time; that is added as a fraction of a second, so
 /// that neither time hides the other and a wrong date does no harm. On a file system without these times, only the size
 /// shows a change.
-#[must_use]
 pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
     let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
     let (Ok(seconds), Ok(nanoseconds)) = (metadata.ctime().try_into(), metadata.ctime_nsec().try_into())
@@ -116,7 +113,6 @@ pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
 }
 
 /// Bytes of an export and the time of its last change, see [`changed_at`], with those of the files that belong to it.
-#[must_use]
 pub fn extent(path: &Path, metadata: &std::fs::Metadata) -> (u64, SystemTime) {
     let files = companions(path).into_iter().filter_map(|companion| std::fs::metadata(companion).ok());
     files.fold((metadata.len(), changed_at(metadata)), |(bytes, changed), of| {
@@ -125,7 +121,6 @@ pub fn extent(path: &Path, metadata: &std::fs::Metadata) -> (u64, SystemTime) {
 }
 
 /// Identity of a few bytes that represent a file with unreadable content.
-#[must_use]
 pub fn of_bytes(bytes: &[u8]) -> ContentHash {
     ContentHash(*blake3::hash(bytes).as_bytes())
 }
@@ -156,7 +151,6 @@ pub struct HashingReader<R> {
 
 impl<R: Read> HashingReader<R> {
     /// Wraps `inner`; the second value gives the hash of the bytes read so far.
-    #[must_use]
     pub fn new(inner: R) -> (Self, RunningHash) {
         let hash = Arc::<Mutex<blake3::Hasher>>::default();
         (Self { inner, hash: Arc::clone(&hash) }, RunningHash(Arc::new(Mutex::new(vec![hash]))))
@@ -180,7 +174,6 @@ pub struct RunningHash(Arc<Mutex<Vec<Arc<Mutex<blake3::Hasher>>>>>);
 
 impl RunningHash {
     /// Hash and number of bytes so far.
-    #[must_use]
     pub fn so_far(&self) -> (ContentHash, u64) {
         let readers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let of_part =
@@ -189,14 +182,12 @@ impl RunningHash {
     }
 
     /// The bytes read so far, as the beginning of a content.
-    #[must_use]
     pub fn prefix(&self) -> ContentPrefix {
         let (hash, bytes) = self.so_far();
         ContentPrefix { bytes, hash }
     }
 
     /// Number of bytes so far.
-    #[must_use]
     pub fn bytes(&self) -> u64 {
         let readers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         readers.iter().map(|of| of.lock().unwrap_or_else(PoisonError::into_inner).count()).sum()

@@ -44,7 +44,6 @@ pub struct FileState {
 
 impl RecordingParts {
     /// The parts that a path names; `None` for a path of one file.
-    #[must_use]
     pub fn of(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
         let (before, rest) = name.split_once('{')?;
@@ -61,7 +60,6 @@ impl RecordingParts {
     /// The recording that contains the file at `path`. If the parts are numbered, it begins with the first in the
     /// unbroken sequence up to this one. `None` if only the name contains a number and the first number is missing: the
     /// number may have another meaning.
-    #[must_use]
     pub fn containing(path: &Path, part: &PartName, is_there: impl Fn(&Path) -> bool) -> Option<Self> {
         let PartName { before, part, after, names, is_told, .. } = part;
         let mut found = Self {
@@ -95,7 +93,6 @@ impl RecordingParts {
     }
 
     /// The path that represents all parts.
-    #[must_use]
     pub fn path(&self) -> PathBuf {
         self.file(&match &self.which {
             Which::Named(names) => format!("{{{}}}", names.join("|")),
@@ -104,7 +101,6 @@ impl RecordingParts {
     }
 
     /// The file whose name identifies the recording: that of the first part.
-    #[must_use]
     pub fn first(&self) -> PathBuf {
         self.file(&match &self.which {
             Which::Named(names) => names.first().cloned().unwrap_or_default(),
@@ -113,7 +109,6 @@ impl RecordingParts {
     }
 
     /// The files, with the names of the parts: all named ones, and the existing numbered ones.
-    #[must_use]
     pub fn files(&self) -> Vec<(String, PathBuf)> {
         let with_file = |part: String| (part.clone(), self.file(&part));
         match &self.which {
@@ -128,7 +123,6 @@ impl RecordingParts {
     }
 
     /// The paths that represented the numbered parts from the third on while an earlier one was missing.
-    #[must_use]
     pub fn later(&self) -> Vec<PathBuf> {
         let Which::From(first, width) = self.which else { return Vec::new() };
         let numbers = (first..).skip(2).take(self.files().len().saturating_sub(2));
@@ -137,13 +131,11 @@ impl RecordingParts {
     }
 
     /// The first file that is missing.
-    #[must_use]
     pub fn missing(&self) -> Option<PathBuf> {
         self.missing_among(|file| metadata(file).is_ok())
     }
 
     /// The first file that does not exist, by `is_there`. Numbers begin with 0 or 1.
-    #[must_use]
     pub fn missing_among(&self, is_there: impl Fn(&Path) -> bool) -> Option<PathBuf> {
         match &self.which {
             Which::From(number, width) if *number > 1 => Some(self.file(&padded(number - 1, *width))),
@@ -158,7 +150,6 @@ fn padded(number: u64, width: usize) -> String {
 }
 
 /// The files at `path`, in their order: itself, or the parts that it names.
-#[must_use]
 pub fn files(path: &Path) -> Vec<PathBuf> {
     RecordingParts::of(path).map_or_else(
         || vec![path.to_owned()],
@@ -167,7 +158,6 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
 }
 
 /// The file whose name identifies the recording at `path`.
-#[must_use]
 pub fn named_by(path: &Path) -> PathBuf {
     RecordingParts::of(path).map_or_else(|| path.to_owned(), |parts| parts.first())
 }

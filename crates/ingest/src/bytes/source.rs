@@ -76,7 +76,6 @@ pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send
 }
 
 /// Returns true if the first bytes of a file are those of plain text, which is readable in part.
-#[must_use]
 pub(crate) fn is_plain(head: &[u8]) -> bool {
     matches!(format(head), Format::Plain) && !scope::is_scope(head)
 }
@@ -86,7 +85,6 @@ pub const ENDINGS: [&str; 5] = [".csv", ".csv.gz", ".csv.zst", ".parquet", ".mca
 
 /// Returns true if a file of this name is an export, see [`ENDINGS`]. Upper and lower case are equal. Hidden files are
 /// not exports, and neither are files with the suffix `.part` or `.tmp`, which writers use until a file is complete.
-#[must_use]
 pub fn is_export(path: &Path) -> bool {
     let Some(name) = path.file_name() else { return false };
     let name = name.to_string_lossy().to_ascii_lowercase();
@@ -96,7 +94,6 @@ pub fn is_export(path: &Path) -> bool {
 
 /// A path as text that identifies it: absolute, so independent of the working folder, and also valid if its bytes are
 /// not UTF-8, as in names from an old controller. [`text::to_path`] restores the path.
-#[must_use]
 pub fn path_text(path: &Path) -> String {
     text::of_path(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()))
 }

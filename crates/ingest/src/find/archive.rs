@@ -132,7 +132,6 @@ fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
 }
 
 /// The name of an export without the additions of [`archive`].
-#[must_use]
 pub fn original_name(name: &str) -> Cow<'_, str> {
     let stem_end = name.to_ascii_lowercase().rfind(".csv").unwrap_or(name.len());
     let (stem, endings) = name.split_at(stem_end);

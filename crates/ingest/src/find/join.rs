@@ -13,7 +13,6 @@ use armwatch_model::text;
 /// part in a file name.
 ///
 /// Sizes are added, and the latest change counts. A recording that lacks a part waits for it ([`FoundFile::wait`]).
-#[must_use]
 pub fn join_parts(files: Vec<FoundFile>, part_of: impl Fn(&str) -> Option<PartName>) -> Vec<FoundFile> {
     let named: Vec<Option<PartName>> =
         files.iter().map(|file| part_of(&text::of_file_name(&file.path))).collect();
@@ -57,7 +56,6 @@ pub fn join_parts(files: Vec<FoundFile>, part_of: impl Fn(&str) -> Option<PartNa
 }
 
 /// Like [`join_parts`], for paths that a person named or a command found; parts next to them belong to them.
-#[must_use]
 pub fn join_paths(paths: Vec<PathBuf>, part_of: impl Fn(&str) -> Option<PartName>) -> Vec<PathBuf> {
     let is_there = |path: &Path| metadata(path).is_ok();
     let mut seen = HashSet::new();

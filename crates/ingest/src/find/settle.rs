@@ -27,7 +27,6 @@ pub struct Settling {
 
 impl Settling {
     /// A file seen for the first time.
-    #[must_use]
     pub fn first(seen: Observation) -> Self {
         Self {
             size: seen.size,
@@ -40,7 +39,6 @@ impl Settling {
     }
 
     /// A file that had settled before this program started, seen for the first time by it.
-    #[must_use]
     pub fn settled_before(seen: Observation) -> Self {
         Self { settled_before: true, ..Self::first(seen) }
     }
@@ -57,7 +55,6 @@ impl Settling {
 
     /// Returns true if the file was unchanged over at least two observations that are `settle` or more apart, or since
     /// it had settled before.
-    #[must_use]
     pub fn is_settled(self, settle: Duration) -> bool {
         self.settled_before
             || self.agreeing >= 2 && self.last_seen.saturating_duration_since(self.unchanged_since) >= settle

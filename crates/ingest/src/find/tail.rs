@@ -96,7 +96,6 @@ pub fn open(path: &Path) -> Result<Option<Growing>, Rejection> {
 
 impl Growth {
     /// Hash of the part read so far.
-    #[must_use]
     pub fn hash(&self) -> &RunningHash {
         &self.hash
     }
@@ -146,7 +145,6 @@ impl Growth {
     }
 
     /// The part read so far.
-    #[must_use]
     fn read_so_far(&self) -> ContentPrefix {
         self.hash.prefix()
     }
@@ -166,7 +164,6 @@ pub(crate) fn mark_of(path: &Path) -> PathBuf {
 
 /// Returns true if the writer of an export has marked it as complete, and has not written to it since: a mark of an
 /// earlier export with the same name does not count.
-#[must_use]
 pub fn is_marked(path: &Path) -> bool {
     // the mark is read first: a write after that makes the file newer than the mark
     let Ok(marked) = metadata(&mark_of(path)) else { return false };

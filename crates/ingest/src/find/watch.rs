@@ -87,7 +87,6 @@ pub enum Skipped {
 
 impl Skipped {
     /// The place.
-    #[must_use]
     pub fn path(&self) -> &Path {
         match self {
             Self::LeadsOut { path, .. } | Self::TooDeep { path } => path,
@@ -95,7 +94,6 @@ impl Skipped {
     }
 
     /// The place and the reason.
-    #[must_use]
     pub fn reason(&self) -> String {
         match self {
             Self::LeadsOut { path, target } => {
@@ -106,7 +104,6 @@ impl Skipped {
     }
 
     /// The reason alone. It does not name the target of a link, which not all readers may know.
-    #[must_use]
     pub fn problem(&self) -> &'static str {
         match self {
             Self::LeadsOut { .. } => LEADS_OUT,
@@ -115,7 +112,6 @@ impl Skipped {
     }
 
     /// The remedy.
-    #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::LeadsOut { .. } => LEADS_OUT_REMEDY,
@@ -136,13 +132,11 @@ impl fmt::Display for Skipped {
 /// folder counts as the export, and links that lead out of it are [`Skipped`]. Each folder is read once, which ends a
 /// loop of links. A path in `folders` that is a file is accepted with any name, because a person named it; so is a
 /// folder that is a link. A file below two of the folders is returned once.
-#[must_use]
 pub fn scan(folders: &[PathBuf], follow_links: bool) -> Scan {
     scan_saying(folders, follow_links, &|| ())
 }
 
 /// Like [`scan`]; calls `goes_on` before each call to the file system, since any of them can hang.
-#[must_use]
 pub fn scan_saying(folders: &[PathBuf], follow_links: bool, goes_on: &dyn Fn()) -> Scan {
     let mut scan = Scan::default();
     let mut walk = Walk { root: None, follow_links, seen: HashSet::new(), goes_on };
@@ -164,7 +158,6 @@ pub fn scan_saying(folders: &[PathBuf], follow_links: bool, goes_on: &dyn Fn()) 
 
 impl FoundFile {
     /// Sort key of files: name, path.
-    #[must_use]
     pub fn order(&self) -> (Option<&OsStr>, &Path) {
         (self.path.file_name(), &self.path)
     }
@@ -314,7 +307,6 @@ pub struct FolderWatch {
 }
 
 /// Sender and receiver of hints. A hint that arrives while one is waiting merges with it.
-#[must_use]
 pub fn hints() -> (mpsc::Sender<()>, mpsc::Receiver<()>) {
     // One slot: a second hint adds no information.
     mpsc::channel(1)
@@ -325,7 +317,6 @@ pub fn hints() -> (mpsc::Sender<()>, mpsc::Receiver<()>) {
 /// This never fails: if the system offers no watch, it logs a warning, and the periodic scan continues. A missing
 /// folder is not created, since that would hide a misspelt path or an absent mount; [`FolderWatch::watch_missing`] adds
 /// it once it exists. A folder that does not answer blocks the caller and the hints of the other folders.
-#[must_use]
 pub fn watch_folders(folders: &[PathBuf], sender: mpsc::Sender<()>) -> FolderWatch {
     let hints = sender.clone();
     let handler = move |event: notify::Result<notify::Event>| {
@@ -382,7 +373,6 @@ impl FolderWatch {
     }
 
     /// Number of folders watched by the system.
-    #[must_use]
     #[cfg(test)]
     fn watched_count(&self) -> usize {
         self.watched.len()

@@ -69,7 +69,6 @@ pub struct Decimal {
 impl Decimal {
     /// Reads the same numbers as [`number`], except those with so many digits, or such an exponent, that no clock has
     /// them.
-    #[must_use]
     pub fn read(cell: &str, decimal: DecimalMark) -> Option<Self> {
         let mark = match decimal {
             DecimalMark::Point => b'.',
@@ -108,7 +107,6 @@ impl Decimal {
     }
 
     /// The nearest double.
-    #[must_use]
     pub fn to_f64(self) -> f64 {
         // both are exact doubles, so that the quotient is rounded once
         const EXACT_PLACES: i32 = 22;
@@ -123,7 +121,6 @@ impl Decimal {
     }
 
     /// The double nearest to the difference; `None` if the numbers are too far apart for an exact difference.
-    #[must_use]
     pub fn minus(self, other: Self) -> Option<f64> {
         let places = self.places.max(other.places);
         let widened = |of: Self| of.digits.checked_mul(10_i128.checked_pow(places - of.places)?);
@@ -229,7 +226,6 @@ fn is_grouped(cell: &str, mark: char) -> bool {
 /// Reads ISO 8601 with `T` or a blank between date and time, with a fraction of any length after a point or comma,
 /// ending in `Z`, an offset such as `+01:00`, or nothing, and dates with the day first, `01.03.2026 08:00:00,004`. A
 /// clock without offset is not converted.
-#[must_use]
 pub fn timestamp(cell: &str) -> Option<i64> {
     let (days, clock) = match cell.bytes().position(|byte| matches!(byte, b'T' | b't' | b' ')) {
         Some(at) => (days(cell.get(..at)?)?, cell.get(at + 1..)?),
@@ -242,7 +238,6 @@ pub fn timestamp(cell: &str) -> Option<i64> {
 }
 
 /// Nanoseconds of a time in text form, from the origin of its form.
-#[must_use]
 pub fn text_time(cell: &str, form: &TextTime) -> Option<i64> {
     match form {
         TextTime::Timestamp => timestamp(cell),
@@ -269,7 +264,6 @@ pub(crate) fn clock_origin(cell: &str, form: &TextTime) -> Option<ClockOrigin> {
 }
 
 /// Like [`timestamp`] for a cell with a date; also returns true if it has an offset from UTC.
-#[must_use]
 pub(crate) fn dated_moment(cell: &str) -> Option<(i64, bool)> {
     let (_, clock) = cell.split_once(['T', 't', ' '])?;
     let has_offset = clock.ends_with(['Z', 'z']) || clock.contains(['+', '-']);

@@ -168,7 +168,6 @@ fn of_row(rejection: Rejection) -> Rejection {
 }
 
 /// Returns true if a line has fewer fields than a row needs.
-#[must_use]
 pub(crate) fn is_short(line: &[u8], map: &ColumnMap) -> bool {
     !line.contains(&0)
         && std::str::from_utf8(line)

@@ -29,13 +29,11 @@ const MAX_CYCLE: u32 = 1_000_000;
 pub type RawColumns = Vec<Vec<f64>>;
 
 /// Returns true if the cells of a column of this role are words.
-#[must_use]
 pub fn is_text(role: Role, map: &ColumnMap) -> bool {
     matches!(role, Role::Stage(_)) && map.stage_source.kind().has_words()
 }
 
 /// The number of a word in a column of words; `None` for a word without a meaning there.
-#[must_use]
 pub fn word_number(cell: &str, map: &ColumnMap) -> Option<f64> {
     map.stage_source.kind().word_number(cell.trim())
 }
@@ -44,7 +42,6 @@ pub fn word_number(cell: &str, map: &ColumnMap) -> Option<f64> {
 ///
 /// Times in `columns` are relative to the first row of the export, except counts of a counter, which are as recorded.
 /// `previous` is the row before. Factors of 1 cost nothing.
-#[must_use]
 pub fn samples(columns: RawColumns, map: &ColumnMap, previous: Option<PreviousTime>) -> Option<RawSamples> {
     samples_and_clock(columns, map, previous).map(|(samples, _)| samples)
 }
@@ -59,7 +56,6 @@ pub struct ClockRun {
 }
 
 /// Like [`samples`], also returning the behaviour of the clock.
-#[must_use]
 pub fn samples_and_clock(
     mut columns: RawColumns,
     map: &ColumnMap,
@@ -144,7 +140,6 @@ pub fn samples_and_clock(
 
 /// The number in a cell of a temperature column, in its unit; NaN if the cell contains none, because controllers omit
 /// unchanged values.
-#[must_use]
 pub fn temperature(cell: &str, decimal: DecimalMark) -> f64 {
     cell::number(cell, decimal).unwrap_or(f64::NAN)
 }
@@ -165,7 +160,6 @@ fn temperatures(columns: &mut RawColumns, map: &ColumnMap) -> Option<Temperature
 }
 
 /// Why `value`, in the export's unit, is invalid in a column of this role; the words complete "value is ..".
-#[must_use]
 pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
     if role == Role::Ignored || role.temperature_unit().is_some() {
         return None;
@@ -194,7 +188,6 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
 
 /// Returns true if a number written as `cell` could be the beginning of another valid number: a line that is cut after
 /// it may be incomplete.
-#[must_use]
 pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
     let longer = |number: &dyn std::fmt::Display| {
         let text = number.to_string();
@@ -222,7 +215,6 @@ fn unwrapped(mut counts: Vec<f64>, period: f64, previous: Option<f64>) -> Vec<f6
 
 /// A count of a counter that restarts after `period`, plus as many periods as bring it nearest to the one before: a
 /// step back by less than half a period stays one.
-#[must_use]
 pub fn counted_on(count: f64, period: f64, before: Option<f64>) -> f64 {
     match before {
         Some(before) if before >= count => count + ((before - count) / period).round() * period,

@@ -63,7 +63,6 @@ pub enum TimeColumn {
 
 impl TimeColumn {
     /// Column index, if there is one.
-    #[must_use]
     pub fn column(self) -> Option<usize> {
         match self {
             Self::Recorded(column)

@@ -49,7 +49,6 @@ pub enum Role {
 
 impl Role {
     /// Unit of a temperature; `None` for all other roles.
-    #[must_use]
     pub fn temperature_unit(self) -> Option<TemperatureUnit> {
         match self {
             Self::MotorTemperature(_, unit) | Self::AmbientTemperature(unit) => Some(unit),
@@ -129,13 +128,11 @@ pub struct Factors {
 
 impl ColumnMap {
     /// Number of joints `n`.
-    #[must_use]
     pub fn joint_count(&self) -> usize {
         self.torque.len()
     }
 
     /// Returns true if a cell of this role may be empty.
-    #[must_use]
     pub fn may_be_empty(&self, role: Role) -> bool {
         match role {
             Role::Torque(_) => self.slower.torque.is_some(),
@@ -283,7 +280,6 @@ pub fn map_columns(
 }
 
 /// Number of columns in a header that the layout names.
-#[must_use]
 pub(super) fn known_columns(header: &str, layout: &Layout, robot: &Robot, path: &Path) -> usize {
     if !layout.header {
         return 0;

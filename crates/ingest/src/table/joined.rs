@@ -82,7 +82,6 @@ pub(super) fn open<'l>(
 }
 
 /// Why a recording cannot be read without one of its parts.
-#[must_use]
 pub fn missing_part(path: &Path, missing: &Path) -> Rejection {
     let name = of_file_name(missing);
     let remedy = "put it next to the others, or correct [parts] of the layout";

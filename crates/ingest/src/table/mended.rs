@@ -53,13 +53,11 @@ impl Mended {
     }
 
     /// The places of one kind.
-    #[must_use]
     pub fn places(&self, mend: Mend) -> Option<Places> {
         self.0.get(&mend).copied()
     }
 
     /// Each kind as a sentence with its first line.
-    #[must_use]
     pub fn sentences(&self) -> Vec<String> {
         self.0.iter().map(|(mend, places)| sentence(*mend, *places)).collect()
     }

@@ -24,7 +24,6 @@ pub struct Parser {
 
 impl Parser {
     /// A parser for exports with these columns.
-    #[must_use]
     pub fn new(map: ColumnMap) -> Self {
         let reader = BlockReader::new(&map);
         Self { map, reader }
@@ -118,7 +117,6 @@ impl Parser {
     }
 
     /// Column of each channel.
-    #[must_use]
     pub fn map(&self) -> &ColumnMap {
         &self.map
     }

@@ -211,49 +211,41 @@ impl<R: Read> ExportReader<R> {
     }
 
     /// Column of each channel.
-    #[must_use]
     pub fn columns(&self) -> &ColumnMap {
         self.parser.map()
     }
 
     /// The header of the rows; `None` if columns are selected by number.
-    #[must_use]
     pub fn header(&self) -> Option<&str> {
         self.header.as_deref()
     }
 
     /// Encoding of the file, as far as it was read.
-    #[must_use]
     pub fn encoding(&self) -> Found {
         self.blocks.encoding()
     }
 
     /// Rows returned so far.
-    #[must_use]
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
     /// The last line, if it was omitted because the writer did not complete it; see [`cell_reader::judge_last_line`].
-    #[must_use]
     pub fn left_out(&self) -> Option<LeftOut> {
         self.left_out
     }
 
     /// The bad rows that were skipped so far; the first of them is unknown if another reader found it.
-    #[must_use]
     pub fn passed_over(&self) -> &PassedOver {
         &self.passed_over
     }
 
     /// Repairs so far, as far as this reader made them.
-    #[must_use]
     pub fn mended(&self) -> &Mended {
         &self.mended
     }
 
     /// Sentences about a cut last row and bytes behind it, which the rows do not contain.
-    #[must_use]
     pub fn left_out_at_end(&self) -> Vec<String> {
         let mut behind = Mended::default();
         if let Some(Places { count, first_line }) = self.mended.places(Mend::TrailingNuls) {

@@ -5,38 +5,24 @@ use serde::{Deserialize, Serialize};
 use super::Estimate;
 use crate::robot::JointIndex;
 
-/// Form of friction over speed, for one direction of motion; `v` is the speed, positive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SpeedModel {
-    /// `fc`.
-    Coulomb,
-    /// `fc + fv v`.
-    CoulombViscous,
-    /// `fc + fp (v / v_ref)^exponent`, `v_ref` the largest measured speed.
-    PowerLaw,
-    /// `fc + fv v + fs exp(-(v / vs)²)` (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994).
-    Stribeck,
-    /// `f1 + f2 v + f3 v² + f4 v³` [3.10].
-    Polynomial,
+crate::named_enum! {
+    /// Form of friction over speed, for one direction of motion; `v` is the speed, positive.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum SpeedModel {
+        /// `fc`.
+        Coulomb = "coulomb",
+        /// `fc + fv v`.
+        CoulombViscous = "coulomb_viscous",
+        /// `fc + fp (v / v_ref)^exponent`, `v_ref` the largest measured speed.
+        PowerLaw = "power_law",
+        /// `fc + fv v + fs exp(-(v / vs)²)` (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994).
+        Stribeck = "stribeck",
+        /// `f1 + f2 v + f3 v² + f4 v³` [3.10].
+        Polynomial = "polynomial",
+    }
 }
 
 impl SpeedModel {
-    /// All forms, fewest parameters first.
-    pub const ALL: [Self; 5] =
-        [Self::Coulomb, Self::CoulombViscous, Self::PowerLaw, Self::Stribeck, Self::Polynomial];
-
-    /// Name as in the view `friction_speed_fits`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Coulomb => "coulomb",
-            Self::CoulombViscous => "coulomb_viscous",
-            Self::PowerLaw => "power_law",
-            Self::Stribeck => "stribeck",
-            Self::Polynomial => "polynomial",
-        }
-    }
-
     /// Names of its coefficients, in order.
     #[must_use]
     pub fn coefficient_names(self) -> &'static [&'static str] {

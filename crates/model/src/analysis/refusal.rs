@@ -4,44 +4,28 @@ use std::fmt;
 
 use crate::robot::JointIndex;
 
-/// Subject of a refusal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Channel {
-    /// The position signal.
-    Position,
-    /// The velocity signal.
-    Velocity,
-    /// The torque signal.
-    Torque,
-    /// The time stamps.
-    Time,
-    /// Whole rows, or channels of every kind.
-    Rows,
-    /// The motion of the arm: too little motion, or a missing stage.
-    Motion,
-    /// The identified model: physically impossible parameters, or torque that they do not explain.
-    Model,
+crate::named_enum! {
+    /// Subject of a refusal.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Channel {
+        /// The position signal.
+        Position = "position",
+        /// The velocity signal.
+        Velocity = "velocity",
+        /// The torque signal.
+        Torque = "torque",
+        /// The time stamps.
+        Time = "time",
+        /// Whole rows, or channels of every kind.
+        Rows = "rows",
+        /// The motion of the arm: too little motion, or a missing stage.
+        Motion = "motion",
+        /// The identified model: physically impossible parameters, or torque that they do not explain.
+        Model = "model",
+    }
 }
 
 impl Channel {
-    /// All channels.
-    pub const ALL: [Self; 7] =
-        [Self::Position, Self::Velocity, Self::Torque, Self::Time, Self::Rows, Self::Motion, Self::Model];
-
-    /// Name as stored.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Position => "position",
-            Self::Velocity => "velocity",
-            Self::Torque => "torque",
-            Self::Time => "time",
-            Self::Rows => "rows",
-            Self::Motion => "motion",
-            Self::Model => "model",
-        }
-    }
-
     /// True if recorded data are at fault, so that a sensor, a cable or the export has to be checked.
     #[must_use]
     pub fn is_recorded(self) -> bool {

@@ -17,34 +17,21 @@ pub struct Forecast {
     pub critical_at: Option<Crossing>,
 }
 
-/// Trend of friction from test to test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Trend {
-    /// No significant trend, or none that reaches a limit within the horizon.
-    #[default]
-    None,
-    /// Friction rises.
-    Rising,
-    /// Friction falls.
-    Falling,
+crate::named_enum! {
+    /// Trend of friction from test to test.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub enum Trend {
+        /// No significant trend, or none that reaches a limit within the horizon.
+        #[default]
+        None = "none",
+        /// Friction rises.
+        Rising = "rising",
+        /// Friction falls.
+        Falling = "falling",
+    }
 }
 
 crate::serialize_by_name!(Trend);
-
-impl Trend {
-    /// All trends.
-    pub const ALL: [Self; 3] = [Self::None, Self::Rising, Self::Falling];
-
-    /// Name as in the view `fleet_health`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Rising => "rising",
-            Self::Falling => "falling",
-        }
-    }
-}
 
 /// Expected day of reaching a limit, UTC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -2,27 +2,16 @@
 
 use super::joint_index::JointIndex;
 
-/// A parameter of a motor that turns with two joints.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum CouplingTerm {
-    /// `Iam`: its inertia.
-    Inertia,
-    /// `fvm`: its viscous friction.
-    Viscous,
-    /// `fsm`: its Coulomb friction.
-    Coulomb,
-}
-
-impl CouplingTerm {
-    /// All terms, in natural order.
-    pub const ALL: [Self; 3] = [Self::Inertia, Self::Viscous, Self::Coulomb];
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Inertia => "Iam",
-            Self::Viscous => "fvm",
-            Self::Coulomb => "fsm",
-        }
+crate::named_enum! {
+    /// A parameter of a motor that turns with two joints.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum CouplingTerm {
+        /// `Iam`: its inertia.
+        Inertia = "Iam",
+        /// `fvm`: its viscous friction.
+        Viscous = "fvm",
+        /// `fsm`: its Coulomb friction.
+        Coulomb = "fsm",
     }
 }
 

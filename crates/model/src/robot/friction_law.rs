@@ -248,81 +248,44 @@ pub(super) enum TermFactor {
     Load(u8),
 }
 
-/// A friction coefficient of a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum FrictionTerm {
-    /// `f1 sign(v)` [3.10].
-    F1,
-    /// `f2 v` [3.10].
-    F2,
-    /// `f3 v² sign(v)` [3.10].
-    F3,
-    /// `f4 v³` [3.10].
-    F4,
-    /// `fs`: Coulomb friction.
-    Coulomb,
-    /// `fs_p`: Coulomb friction while the position grows.
-    CoulombPositive,
-    /// `fs_n`: Coulomb friction while the position falls.
-    CoulombNegative,
-    /// `fv`: viscous friction.
-    Viscous,
-    /// `fv_p`: viscous friction while the position grows.
-    ViscousPositive,
-    /// `fv_n`: viscous friction while the position falls.
-    ViscousNegative,
-    /// `off`: offset of the torque signal.
-    Offset,
-    /// `mu`: friction per torque that the gear carries.
-    Load,
-    /// `mu_a`: increase of `mu` while the motor drives the load, and decrease while the load drives the motor.
-    LoadAsymmetry,
-    /// `mu2`: friction per square of the torque that the gear carries.
-    LoadSquared,
-    /// `mu_s`: increase of `mu` at standstill.
-    LoadStribeck,
+crate::named_enum! {
+    /// A friction coefficient of a joint.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum FrictionTerm {
+        /// `f1 sign(v)` [3.10].
+        F1 = "f1",
+        /// `f2 v` [3.10].
+        F2 = "f2",
+        /// `f3 v² sign(v)` [3.10].
+        F3 = "f3",
+        /// `f4 v³` [3.10].
+        F4 = "f4",
+        /// `fs`: Coulomb friction.
+        Coulomb = "fs",
+        /// `fs_p`: Coulomb friction while the position grows.
+        CoulombPositive = "fs_p",
+        /// `fs_n`: Coulomb friction while the position falls.
+        CoulombNegative = "fs_n",
+        /// `fv`: viscous friction.
+        Viscous = "fv",
+        /// `fv_p`: viscous friction while the position grows.
+        ViscousPositive = "fv_p",
+        /// `fv_n`: viscous friction while the position falls.
+        ViscousNegative = "fv_n",
+        /// `off`: offset of the torque signal.
+        Offset = "off",
+        /// `mu`: friction per torque that the gear carries.
+        Load = "mu",
+        /// `mu_a`: increase of `mu` while the motor drives the load, and decrease while the load drives the motor.
+        LoadAsymmetry = "mu_a",
+        /// `mu2`: friction per square of the torque that the gear carries.
+        LoadSquared = "mu2",
+        /// `mu_s`: increase of `mu` at standstill.
+        LoadStribeck = "mu_s",
+    }
 }
 
 impl FrictionTerm {
-    /// Every term of every model.
-    pub const ALL: [Self; 15] = [
-        Self::F1,
-        Self::F2,
-        Self::F3,
-        Self::F4,
-        Self::Coulomb,
-        Self::CoulombPositive,
-        Self::CoulombNegative,
-        Self::Viscous,
-        Self::ViscousPositive,
-        Self::ViscousNegative,
-        Self::Offset,
-        Self::Load,
-        Self::LoadAsymmetry,
-        Self::LoadSquared,
-        Self::LoadStribeck,
-    ];
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::F1 => "f1",
-            Self::F2 => "f2",
-            Self::F3 => "f3",
-            Self::F4 => "f4",
-            Self::Coulomb => "fs",
-            Self::CoulombPositive => "fs_p",
-            Self::CoulombNegative => "fs_n",
-            Self::Viscous => "fv",
-            Self::ViscousPositive => "fv_p",
-            Self::ViscousNegative => "fv_n",
-            Self::Offset => "off",
-            Self::Load => "mu",
-            Self::LoadAsymmetry => "mu_a",
-            Self::LoadSquared => "mu2",
-            Self::LoadStribeck => "mu_s",
-        }
-    }
-
     /// Factor of the coefficient.
     pub(super) fn factor(self) -> TermFactor {
         match self {

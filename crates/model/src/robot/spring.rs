@@ -28,31 +28,18 @@ pub enum SpringForm {
     },
 }
 
-/// A parameter of a spring.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SpringTerm {
-    /// `k_s`: torque per position.
-    Stiffness,
-    /// `t_s`: torque at position 0.
-    Preload,
-    /// `k_c`: force of a cylinder per length.
-    CylinderStiffness,
-    /// `t_c`: force of a cylinder at its shortest length.
-    CylinderPreload,
-}
-
-impl SpringTerm {
-    /// All parameters, in natural order.
-    pub const ALL: [Self; 4] =
-        [Self::Stiffness, Self::Preload, Self::CylinderStiffness, Self::CylinderPreload];
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Stiffness => "k_s",
-            Self::Preload => "t_s",
-            Self::CylinderStiffness => "k_c",
-            Self::CylinderPreload => "t_c",
-        }
+crate::named_enum! {
+    /// A parameter of a spring.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum SpringTerm {
+        /// `k_s`: torque per position.
+        Stiffness = "k_s",
+        /// `t_s`: torque at position 0.
+        Preload = "t_s",
+        /// `k_c`: force of a cylinder per length.
+        CylinderStiffness = "k_c",
+        /// `t_c`: force of a cylinder at its shortest length.
+        CylinderPreload = "t_c",
     }
 }
 

@@ -65,7 +65,6 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
 impl RigidChain {
     /// Inertia of a joint's motor seen at the joint, kg m² (kg for a prismatic joint); zero for a joint that does not
     /// exist.
-    #[must_use]
     pub fn motor_inertia(&self, joint: JointIndex) -> f64 {
         self.links.get(joint.index()).map_or(0.0, |link| link.motor_inertia)
     }
@@ -92,7 +91,6 @@ impl RigidChain {
 ///
 /// Reference: Siciliano, Sciavicco, Villani, Oriolo, Robotics (2009), section 7.1, in the form of
 /// d'Alembert's principle.
-#[must_use]
 pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS] {
     let mut torque = [0.0; MAX_JOINTS];
     let mut axes = [(Vector3::zeros(), Vector3::zeros()); MAX_JOINTS];
@@ -134,7 +132,6 @@ struct BodyForce {
 }
 
 /// Torque of the links alone, which the gears carry, without the motors' inertia. Otherwise like [`joint_torque`].
-#[must_use]
 pub fn link_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS] {
     let mut torque = joint_torque(chain, state);
     for (j, link) in chain.links.iter().enumerate() {

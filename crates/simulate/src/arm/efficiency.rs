@@ -21,7 +21,6 @@ pub struct Teeth {
 
 impl Teeth {
     /// Efficiency at a speed, rad/s (m/s).
-    #[must_use]
     pub fn efficiency(&self, qd: f64) -> f64 {
         let slow = (-qd.abs() / (BOUNDARY_SPEED * self.top_speed)).exp();
         1.0 - self.loss * (1.0 + (BOUNDARY_FACTOR - 1.0) * slow)
@@ -29,7 +28,6 @@ impl Teeth {
 
     /// Additional torque of the motor beyond the load `carried`, Nm (N), or reduction of it while the load drives, at
     /// the speed `qd`, rad/s (m/s); against the motion.
-    #[must_use]
     pub fn lost(&self, carried: f64, qd: f64) -> f64 {
         let efficiency = self.efficiency(qd);
         let part = if carried * qd > 0.0 { 1.0 / efficiency - 1.0 } else { 1.0 - efficiency };

@@ -113,37 +113,24 @@ pub enum FaultKind {
     },
 }
 
-/// Part of a joint's friction that wears.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WornPart {
-    /// All of it, in proportion at all speeds.
-    All,
-    /// The Coulomb part f1: preload, a seal, a dry contact.
-    Coulomb,
-    /// The part that grows with speed, f2 to f4: the lubricant.
-    Viscous,
-    /// f1 and f2; the curvature f3 and f4 stays, so that friction rises more than in proportion at high speeds.
-    Linear,
-    /// The part that grows with the torque that the gear carries: the teeth.
-    Load,
+armwatch_model::named_enum! {
+    /// Part of a joint's friction that wears.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum WornPart {
+        /// All of it, in proportion at all speeds.
+        All = "all",
+        /// The Coulomb part f1: preload, a seal, a dry contact.
+        Coulomb = "coulomb",
+        /// The part that grows with speed, f2 to f4: the lubricant.
+        Viscous = "viscous",
+        /// f1 and f2; the curvature f3 and f4 stays, so that friction rises more than in proportion at high speeds.
+        Linear = "linear",
+        /// The part that grows with the torque that the gear carries: the teeth.
+        Load = "load",
+    }
 }
 
 impl WornPart {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::All, Self::Coulomb, Self::Viscous, Self::Linear, Self::Load];
-
-    /// Name on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::Coulomb => "coulomb",
-            Self::Viscous => "viscous",
-            Self::Linear => "linear",
-            Self::Load => "load",
-        }
-    }
-
     /// Which of f1 to f4 grow.
     fn coefficients(self) -> [bool; FRICTION_COUNT] {
         match self {
@@ -174,21 +161,18 @@ impl FaultKind {
 
 impl Fault {
     /// Wear of all friction of a joint up to twice its friction.
-    #[must_use]
     pub fn wear(joint: JointIndex, start_run: u32, rate_per_run: f64) -> Self {
         let kind = FaultKind::Wear { part: WornPart::All, rate_per_run, cap: DEFAULT_CAP };
         Self { kind, joint: Some(joint), start_run, last_run: None }
     }
 
     /// Returns true if run `run` shows it.
-    #[must_use]
     pub fn is_in(&self, run: u32) -> bool {
         run >= self.start_run && self.last_run.is_none_or(|last| run <= last)
     }
 
     /// Size of the fault in run `run`, in the unit of its kind; 0 if absent. The first run with wear has one step of
     /// growth.
-    #[must_use]
     pub fn size(&self, run: u32) -> f64 {
         if !self.is_in(run) {
             return 0.0;
@@ -217,7 +201,6 @@ impl Fault {
 }
 
 /// Growth of friction of `joint` in run `run` by all its wear faults.
-#[must_use]
 pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> Wear {
     let mut worn = Wear::default();
     for fault in faults.iter().filter(|of| of.is_of(joint.index())) {
@@ -234,14 +217,12 @@ pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> Wear {
 }
 
 /// Amplitude of the ripple at the motor's turn that `joint` has in run `run`, as a fraction of its Coulomb friction.
-#[must_use]
 pub fn ripple(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
     let of_joint = faults.iter().filter(|of| of.is_of(joint.index()));
     of_joint.filter(|of| matches!(of.kind, FaultKind::Ripple { .. })).map(|of| of.size(run)).sum()
 }
 
 /// How many times longer the slow time constant of the warm-up of `joint` is in run `run`.
-#[must_use]
 pub fn warm_up_factor(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
     let longer = |fault: &Fault| match fault.kind {
         FaultKind::WarmUp { factor } if fault.is_in(run) && fault.is_of(joint.index()) => Some(factor),

@@ -120,7 +120,6 @@ pub struct RippleOrder {
 
 /// Friction of a joint with `wear`; `load` is its healthy friction per Nm (N) that the gear carries, `teeth_loss` the
 /// fraction of the transmitted power that healthy teeth lose.
-#[must_use]
 pub fn joint_friction(
     joint: &Joint,
     nominal: &NominalJoint,
@@ -159,7 +158,6 @@ impl JointFriction {
     }
 
     /// Warm friction without ripple and load at the speed `qd`, Nm.
-    #[must_use]
     pub fn warm_torque(&self, qd: f64) -> f64 {
         friction_torque(self, &self.warm, qd)
     }
@@ -221,19 +219,16 @@ impl JointFriction {
 
 /// Friction relative to warm friction in the usual ambient, `1 + b exp(-t/t1) + c exp(-t/t2)` [5.4],
 /// with the ambient's influence.
-#[must_use]
 pub fn thermal_multiplier(shape: &WarmUpShape, state: ThermalState) -> f64 {
     multiplier_of(shape, cold_parts(shape, state.seconds), state.ambient_offset_k)
 }
 
 /// Remaining coldness `seconds` after a cold start, 1 to 0: of the slow part and the fast one.
-#[must_use]
 pub fn cold_parts(shape: &WarmUpShape, seconds: f64) -> [f64; 2] {
     [shape.t1, shape.t2].map(|constant| if constant > 0.0 { (-seconds / constant).exp() } else { 0.0 })
 }
 
 /// Like [`thermal_multiplier`], from the remaining coldness.
-#[must_use]
 pub fn multiplier_of(shape: &WarmUpShape, [slow, fast]: [f64; 2], ambient_offset_k: f64) -> f64 {
     let excess = shape.b * slow + shape.c * fast;
     let colder = -ambient_offset_k;
@@ -242,13 +237,11 @@ pub fn multiplier_of(shape: &WarmUpShape, [slow, fast]: [f64; 2], ambient_offset
 
 /// Coefficients f1..f4 at a moment: the thermal excess of the Coulomb part is [`COULOMB_EXCESS`] times that of the
 /// others.
-#[must_use]
 pub fn coefficients_at(friction: &JointFriction, state: ThermalState) -> [f64; FRICTION_COUNT] {
     coefficients_with(friction, thermal_multiplier(&friction.warm_up, state))
 }
 
 /// Like [`coefficients_at`], from [`thermal_multiplier`].
-#[must_use]
 pub fn coefficients_with(friction: &JointFriction, multiplier: f64) -> [f64; FRICTION_COUNT] {
     let [f1, f2, f3, f4] = friction.warm;
     let coulomb = 1.0 + COULOMB_EXCESS * (multiplier - 1.0);
@@ -258,19 +251,16 @@ pub fn coefficients_with(friction: &JointFriction, multiplier: f64) -> [f64; FRI
 /// Friction torque without ripple at the speed `qd`, signed as the motion, Nm.
 ///
 /// `f1 (1 + s exp(-(qd/v_s)²)) tanh(qd/v_0) + f2 qd + f3 qd² sign(qd) + f4 qd³` after [3.10].
-#[must_use]
 pub fn friction_torque(friction: &JointFriction, coefficients: &[f64; FRICTION_COUNT], qd: f64) -> f64 {
     friction_torque_at(friction, coefficients, qd, turned_at(friction, qd))
 }
 
 /// Share of the Coulomb friction that is present at the speed `qd`, -1 to 1, if it follows the speed alone.
-#[must_use]
 pub fn turned_at(friction: &JointFriction, qd: f64) -> f64 {
     (qd / friction.sign_speed).tanh()
 }
 
 /// Like [`friction_torque`], with the share `turned` of the Coulomb friction, -1 to 1.
-#[must_use]
 pub fn friction_torque_at(
     friction: &JointFriction,
     coefficients: &[f64; FRICTION_COUNT],
@@ -284,7 +274,6 @@ pub fn friction_torque_at(
 
 /// Friction of a gear with losses that depend on direction and load. `lost`, Nm, is its friction without them while it
 /// carries `carried`, Nm, at the speed `qd`, rad/s, with the share `turned` of its Coulomb friction.
-#[must_use]
 pub fn with_direction_and_load(
     friction: &JointFriction,
     lost: f64,
@@ -297,7 +286,6 @@ pub fn with_direction_and_load(
 
 /// Share of the Coulomb friction after a small travel `dq` at the speed `qd`, from the share `before` it: Dahl's
 /// equation `dz/dq = (sign(qd) - z) / x`, solved over the travel.
-#[must_use]
 pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> f64 {
     if friction.presliding_travel <= 0.0 {
         return turned_at(friction, qd);
@@ -307,7 +295,6 @@ pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> 
 }
 
 /// Torque of the gear's ripple at the position `q` and speed `qd`, Nm; weaker at high speed.
-#[must_use]
 pub fn ripple_torque(friction: &JointFriction, q: f64, qd: f64) -> f64 {
     let of = |amplitude: f64, wave_number: f64| {
         let frequency = wave_number * qd / (TAU * RIPPLE_CORNER_HZ);

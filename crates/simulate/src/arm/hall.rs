@@ -22,7 +22,6 @@ pub struct HallSettings {
 
 impl HallSettings {
     /// Difference from the yearly mean temperature at `time`, K.
-    #[must_use]
     pub fn offset(&self, time: Timestamp) -> f64 {
         let at = time.to_zoned(TimeZone::UTC);
         let hour = f64::from(at.hour()) + f64::from(at.minute()) / 60.0;
@@ -43,7 +42,6 @@ pub struct WorkingHours {
 
 impl WorkingHours {
     /// Time since the start of the shift that contains `time`, s; 0 outside shifts and on days off.
-    #[must_use]
     pub fn worked_s(&self, time: Timestamp) -> f64 {
         let at = time.to_zoned(TimeZone::UTC);
         let hour = f64::from(at.hour()) + f64::from(at.minute()) / 60.0 + f64::from(at.second()) / 3600.0;

@@ -21,14 +21,12 @@ pub struct UnitSpread {
 
 impl UnitSpread {
     /// Returns true if all arms are alike.
-    #[must_use]
     pub fn is_none(&self) -> bool {
         self.friction <= 0.0 && self.bodies <= 0.0
     }
 }
 
 /// The individual arm of `model` for `seed`.
-#[must_use]
 pub fn unit(model: &Robot, seed: u64, spread: &UnitSpread) -> Robot {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(STREAM);

@@ -23,13 +23,11 @@ const TORQUE_DECIMALS: usize = 4;
 const TEMPERATURE_DECIMALS: usize = 2;
 
 /// Number of columns for `joint_count` joints.
-#[must_use]
 pub fn column_count(joint_count: usize) -> usize {
     3 * joint_count + 5
 }
 
 /// Header line of the native layout, without its end; temperatures are the last columns.
-#[must_use]
 pub fn header(joint_count: usize, temperatures: TemperatureColumns) -> String {
     let mut columns = vec!["time".to_owned()];
     for channel in ["pos", "vel", "trq"] {

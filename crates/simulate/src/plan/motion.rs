@@ -20,7 +20,6 @@ pub struct MotionState {
 
 impl MotionState {
     /// At rest in a posture.
-    #[must_use]
     pub fn at_rest(posture: PerJoint) -> Self {
         Self { position: posture, ..Self::default() }
     }
@@ -90,19 +89,16 @@ pub const RAMP_EDGE: f64 = 0.1;
 
 impl Stroke {
     /// Duration of the whole stroke, s.
-    #[must_use]
     pub fn duration(&self) -> f64 {
         self.plateau_s + 2.0 * self.ramp_s
     }
 
     /// Length of the whole stroke, rad.
-    #[must_use]
     pub fn travel(&self) -> f64 {
         self.speed * (self.plateau_s + self.ramp_s)
     }
 
     /// Largest acceleration, rad/s².
-    #[must_use]
     pub fn peak_acceleration(&self) -> f64 {
         self.speed / (self.ramp_s * (1.0 - RAMP_EDGE))
     }
@@ -139,13 +135,11 @@ impl Stroke {
 
 impl Plateaus {
     /// Duration of all strokes, s.
-    #[must_use]
     pub fn duration(&self) -> f64 {
         f64::from(self.strokes) * self.stroke.duration()
     }
 
     /// Direction of motion at time `t` if the joint moves at constant speed then.
-    #[must_use]
     pub fn plateau_direction(&self, t: f64) -> Option<i8> {
         let (way, within) = way_and_time(t, self.stroke.duration(), self.strokes)?;
         let plateau = self.stroke.ramp_s..=self.stroke.ramp_s + self.stroke.plateau_s;
@@ -154,7 +148,6 @@ impl Plateaus {
 }
 
 /// State at time `t` since the start of the piece, s.
-#[must_use]
 pub fn state_at(motion: &MotionPiece, t: f64) -> MotionState {
     let mut state = MotionState::default();
     match motion {
@@ -183,7 +176,6 @@ pub fn state_at(motion: &MotionPiece, t: f64) -> MotionState {
 }
 
 /// Polynomial motion of `duration` seconds that joins two states with all derivatives.
-#[must_use]
 pub fn quintic(from: &MotionState, to: &MotionState, joint_count: usize, duration: f64) -> MotionPiece {
     let t = duration;
     let polynomials = (0..joint_count)

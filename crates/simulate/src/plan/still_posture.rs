@@ -26,7 +26,6 @@ const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
 /// The posture of the joints before `joint` nearest to `home` that makes the axis of `joint` vertical; the other joints
 /// are as in `home`. `None` if no posture within nine tenths of the ranges achieves it. A prismatic joint carries the
 /// same weight everywhere, so that the result is `home`, like for any joint without gravity.
-#[must_use]
 pub fn still_posture(robot: &Robot, joint: JointIndex, home: &PerJoint) -> Option<PerJoint> {
     let Some(down) = robot.gravity.try_normalize(f64::MIN_POSITIVE) else { return Some(*home) };
     if robot.joints[joint.index()].kind == JointKind::Prismatic {
@@ -40,7 +39,6 @@ pub fn still_posture(robot: &Robot, joint: JointIndex, home: &PerJoint) -> Optio
 }
 
 /// Angle of a joint's axis from the vertical, rad, 0 to a right angle; 0 without gravity and for a prismatic joint.
-#[must_use]
 pub fn axis_tilt(robot: &Robot, joint: JointIndex, posture: &PerJoint) -> f64 {
     let Some(down) = robot.gravity.try_normalize(f64::MIN_POSITIVE) else { return 0.0 };
     if robot.joints[joint.index()].kind == JointKind::Prismatic {

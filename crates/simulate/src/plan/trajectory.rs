@@ -106,7 +106,6 @@ pub struct Segment {
 
 impl Segment {
     /// State at time `t` within the cycle, s.
-    #[must_use]
     pub fn state_at(&self, t: f64) -> MotionState {
         let mut state = state_at(&self.motion, self.own_time(t).clamp(0.0, self.duration * self.speed));
         state.velocity = state.velocity.map(|of| of * self.speed);
@@ -115,7 +114,6 @@ impl Segment {
     }
 
     /// Time of the motion at time `t` within the cycle, s.
-    #[must_use]
     pub fn own_time(&self, t: f64) -> f64 {
         (t - self.start) * self.speed
     }
@@ -156,7 +154,6 @@ impl CyclePlan {
     }
 
     /// State at time `t` within the cycle, s: that of its start before it, that of its end behind it.
-    #[must_use]
     pub fn state_at(&self, t: f64) -> MotionState {
         let at = self.segments.partition_point(|segment| segment.start <= t).saturating_sub(1);
         self.segments.get(at).map_or_else(MotionState::default, |segment| segment.state_at(t))
@@ -164,7 +161,6 @@ impl CyclePlan {
 }
 
 /// The posture for the friction test of `joint`; the joint itself is at the lower end of its travel.
-#[must_use]
 pub fn friction_posture(robot: &Robot, joint: JointIndex, posture: FrictionPosture) -> PerJoint {
     let home = home(robot).position;
     let mut held = match posture {

@@ -148,14 +148,12 @@ pub struct RecordedRow {
 
 impl Recording {
     /// Rows of each cycle: every cycle starts on a row, and the last rest is extended accordingly.
-    #[must_use]
     pub fn rows_per_cycle(&self) -> u32 {
         // A duration that is a whole number of rows except for rounding must not gain a row.
         (self.plan.duration * self.sample_rate_hz - 1e-6).ceil().max(1.0) as u32
     }
 
     /// All rows.
-    #[must_use]
     pub fn rows(&self) -> u64 {
         u64::from(self.rows_per_cycle()) * u64::from(self.cycles)
     }

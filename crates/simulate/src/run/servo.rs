@@ -35,7 +35,6 @@ pub struct Servo {
 
 impl ServoSettings {
     /// Time after which the motion has reached the plan, s.
-    #[must_use]
     pub fn settled_after(&self) -> f64 {
         self.delay_s + SETTLED_LAGS * self.lag_s
     }
@@ -43,7 +42,6 @@ impl ServoSettings {
 
 impl Servo {
     /// Creates a servo with these delays.
-    #[must_use]
     pub fn new(settings: ServoSettings) -> Self {
         let ServoSettings { lag_s, delay_s } = settings;
         let past = match (lag_s > 0.0, delay_s > 0.0) {
@@ -55,7 +53,6 @@ impl Servo {
     }
 
     /// The motion at `t`, s, within a cycle whose plan is in `segment` then.
-    #[must_use]
     pub fn state_at(&self, plan: &CyclePlan, segment: &Segment, t: f64) -> MotionState {
         if self.past.is_empty() {
             return segment.state_at(t);
@@ -73,7 +70,6 @@ impl Servo {
     }
 
     /// Time after which the motion has reached the plan, s.
-    #[must_use]
     pub fn settled_after(&self) -> f64 {
         self.settings.settled_after()
     }

@@ -16,7 +16,6 @@ pub struct TemperatureColumns {
 
 impl TemperatureColumns {
     /// Number of columns for `joint_count` joints.
-    #[must_use]
     pub fn count(self, joint_count: usize) -> usize {
         if self.motor { joint_count + usize::from(self.ambient) } else { usize::from(self.ambient) }
     }

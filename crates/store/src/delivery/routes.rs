@@ -26,7 +26,6 @@ pub enum Held {
 
 impl Held {
     /// Name as stored.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Quiet => "quiet",
@@ -81,7 +80,6 @@ impl Store {
 
     /// The route, bound to the claim that this program has just obtained. Writes with this entry fail once the claim is
     /// lost, even under a new session of this program.
-    #[must_use]
     pub fn claimed(&self, route: RouteEntry) -> RouteEntry {
         RouteEntry { session: self.session(), ..route }
     }

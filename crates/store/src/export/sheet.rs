@@ -22,7 +22,6 @@ pub enum SheetFormat {
 
 impl SheetFormat {
     /// Ending of the file names.
-    #[must_use]
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Csv => "csv",

@@ -15,7 +15,6 @@ pub enum ClaimKind {
 
 impl ClaimKind {
     /// Name as in the database.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Export => "export",

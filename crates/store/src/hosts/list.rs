@@ -9,32 +9,20 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::in_views;
 
-/// State of the daemon of a host.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum HostState {
-    /// Its lease has not ended.
-    AtWork,
-    /// Its lease has ended, but its session is not ended yet.
-    Silent,
-    /// It was stopped or restarted, or others have claimed its work.
-    Ended,
+armwatch_model::named_enum! {
+    /// State of the daemon of a host.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum HostState {
+        /// Its lease has not ended.
+        AtWork = "at_work",
+        /// Its lease has ended, but its session is not ended yet.
+        Silent = "silent",
+        /// It was stopped or restarted, or others have claimed its work.
+        Ended = "ended",
+    }
 }
 
 armwatch_model::serialize_by_name!(HostState);
-
-impl HostState {
-    const ALL: [Self; 3] = [Self::AtWork, Self::Silent, Self::Ended];
-
-    /// Name as in the view `hosts`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::AtWork => "at_work",
-            Self::Silent => "silent",
-            Self::Ended => "ended",
-        }
-    }
-}
 
 /// The latest session of the daemon of a host: a row of the view `hosts`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -52,7 +40,6 @@ pub struct HostRow {
 
 impl HostRow {
     /// True if its daemon is gone without having been stopped.
-    #[must_use]
     pub fn is_lost(&self) -> bool {
         self.state == HostState::Silent || self.end_reason.as_deref() == Some("lease_ended")
     }

@@ -117,20 +117,17 @@ impl Store {
     }
 
     /// True if other daemons see the file at this path under the same path, so that it has to be claimed.
-    #[must_use]
     pub fn is_shared(&self, path: &Path) -> bool {
         self.own_host.place().is_shared(path)
     }
 
     /// A path as stored in the ledger: with the name of the host if there are several hosts and the file is in no
     /// shared folder.
-    #[must_use]
     pub fn located(&self, path: String) -> String {
         self.own_host.place().located(path)
     }
 
     /// The file on this host for a path of the ledger; `None` for a file of another host.
-    #[must_use]
     pub fn local_path(&self, located: &str) -> Option<PathBuf> {
         self.own_host.place().local_path(located)
     }

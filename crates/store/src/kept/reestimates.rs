@@ -92,30 +92,18 @@ fn robot_names<S: Serializer>(robots: &str, serializer: S) -> Result<S::Ok, S::E
     serializer.collect_seq(robots.split(','))
 }
 
-/// Kind of a kept estimate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum KeptKind {
-    /// One parameter set from cycles together.
-    Set,
-    /// One identification for each cycle.
-    EachCycle,
+armwatch_model::named_enum! {
+    /// Kind of a kept estimate.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum KeptKind {
+        /// One parameter set from cycles together.
+        Set = "set",
+        /// One identification for each cycle.
+        EachCycle = "each-cycle",
+    }
 }
 
 armwatch_model::serialize_by_name!(KeptKind);
-
-impl KeptKind {
-    /// Both kinds.
-    pub const ALL: [Self; 2] = [Self::Set, Self::EachCycle];
-
-    /// Name as printed.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Set => "set",
-            Self::EachCycle => "each-cycle",
-        }
-    }
-}
 
 impl Store {
     /// Stores a re-estimate under a name, in one transaction; returns `false` and stores nothing if the name is in use.

@@ -28,7 +28,6 @@ static PROCESS: LazyLock<(i64, Instant)> =
     LazyLock::new(|| (RandomState::new().hash_one(std::process::id()).cast_signed(), Instant::now()));
 
 /// Remaining time before this process may make last attempts; `None` if it may.
-#[must_use]
 pub fn wait_for_quiet() -> Option<Duration> {
     QUIET_START.checked_sub(PROCESS.1.elapsed())
 }
@@ -66,13 +65,11 @@ pub struct Attempt {
 
 impl Attempt {
     /// Returns true if earlier attempts have ended the program so often that this one must not be made.
-    #[must_use]
     pub fn is_spent(self) -> bool {
         self.number > MOST_ATTEMPTS
     }
 
     /// Returns true if this is the last attempt that may end the program.
-    #[must_use]
     pub fn is_last(self) -> bool {
         self.number == MOST_ATTEMPTS
     }

@@ -111,42 +111,26 @@ fn dismissal_columns<S: Serializer>(of: &Option<Dismissal>, serializer: S) -> Re
     .serialize(serializer)
 }
 
-/// State of a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FaultState {
-    /// Someone has to act.
-    Open,
-    /// A person has stated that nothing is to be done.
-    Dismissed,
-    /// A later attempt found another fault.
-    Earlier,
-    /// The export is being read again.
-    Reading,
-    /// A later attempt read the export successfully.
-    Stored,
-    /// A corrected export supersedes it.
-    Superseded,
+armwatch_model::named_enum! {
+    /// State of a fault.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum FaultState {
+        /// Someone has to act.
+        Open = "open",
+        /// A person has stated that nothing is to be done.
+        Dismissed = "dismissed",
+        /// A later attempt found another fault.
+        Earlier = "earlier",
+        /// The export is being read again.
+        Reading = "reading",
+        /// A later attempt read the export successfully.
+        Stored = "stored",
+        /// A corrected export supersedes it.
+        Superseded = "superseded",
+    }
 }
 
 armwatch_model::serialize_by_name!(FaultState);
-
-impl FaultState {
-    const ALL: [Self; 6] =
-        [Self::Open, Self::Dismissed, Self::Earlier, Self::Reading, Self::Stored, Self::Superseded];
-
-    /// Name as in the view `quarantine`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Open => "open",
-            Self::Dismissed => "dismissed",
-            Self::Earlier => "earlier",
-            Self::Reading => "reading",
-            Self::Stored => "stored",
-            Self::Superseded => "superseded",
-        }
-    }
-}
 
 impl Store {
     /// Stores that an export could not be read, with the reason and place. Stored cycles stay, and a complete run stays

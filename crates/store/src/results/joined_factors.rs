@@ -44,7 +44,6 @@ pub struct WindowsToJoin {
 
 impl WindowsToJoin {
     /// Number of windows.
-    #[must_use]
     pub fn windows(&self) -> usize {
         self.cycle_ids.len()
     }

@@ -26,23 +26,14 @@ pub struct CycleState {
     pub factors_gone: Option<FactorsGone>,
 }
 
-/// Fate of the factors of a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FactorsGone {
-    /// They are part of the factors of its log.
-    Joined,
-    /// They were removed after the retention time.
-    Removed,
-}
-
-impl FactorsGone {
-    const ALL: [Self; 2] = [Self::Joined, Self::Removed];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Joined => "joined",
-            Self::Removed => "removed",
-        }
+armwatch_model::named_enum! {
+    /// Fate of the factors of a cycle.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum FactorsGone {
+        /// They are part of the factors of its log.
+        Joined = "joined",
+        /// They were removed after the retention time.
+        Removed = "removed",
     }
 }
 

@@ -59,7 +59,6 @@ pub enum DatedPlace {
 
 impl DatedRun {
     /// The run as part of the sequence of arrivals.
-    #[must_use]
     pub fn arrival(&self) -> Arrival<'_> {
         Arrival {
             started_at: self.started_at,

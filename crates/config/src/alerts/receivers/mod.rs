@@ -52,7 +52,6 @@ macro_rules! receivers {
             }
 
             /// Name in the configuration.
-            #[must_use]
             pub fn name(&self) -> &'static str {
                 match self {
                     $(Self::$variant(_) => $name,)*
@@ -60,7 +59,6 @@ macro_rules! receivers {
             }
 
             /// Target of messages, without secrets.
-            #[must_use]
             pub fn target(&self) -> String {
                 match self {
                     $(Self::$variant(settings) => settings.target(),)*
@@ -68,7 +66,6 @@ macro_rules! receivers {
             }
 
             /// The secrets that the receiver needs.
-            #[must_use]
             pub fn secrets(&self) -> Vec<&Secret> {
                 match self {
                     $(Self::$variant(settings) => settings.secrets(),)*

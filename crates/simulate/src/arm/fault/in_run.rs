@@ -33,7 +33,6 @@ pub struct RunFaults {
 
 impl RunFaults {
     /// Faults of run `run`; `seed` and `stream` select the random values of the cycles.
-    #[must_use]
     pub fn new(faults: &[Fault], run: u32, seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(CYCLE_STREAM + stream);

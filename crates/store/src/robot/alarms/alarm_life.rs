@@ -38,7 +38,6 @@ pub enum AlarmAction {
 
 impl AlarmAction {
     /// Its event.
-    #[must_use]
     pub fn event(self) -> EventKind {
         match self {
             Self::Reopen => EventKind::Reopened,

@@ -4,135 +4,78 @@ use jiff::Timestamp;
 
 use armwatch_model::anomaly::Severity;
 
-/// State of an anomaly.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AlarmState {
-    /// No one has acknowledged it.
-    Open,
-    /// A person has acknowledged it.
-    Acknowledged,
-    /// Silent until a time, or until its severity rises.
-    Shelved,
-    /// Maintenance was done at its place, and no run since then has shown if it is gone.
-    Maintenance,
-    /// It ended, or a person reports that its cause is gone.
-    Resolved,
-    /// A person reports that nothing was wrong.
-    FalseAlarm,
+armwatch_model::named_enum! {
+    /// State of an anomaly.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum AlarmState {
+        /// No one has acknowledged it.
+        Open = "open",
+        /// A person has acknowledged it.
+        Acknowledged = "acknowledged",
+        /// Silent until a time, or until its severity rises.
+        Shelved = "shelved",
+        /// Maintenance was done at its place, and no run since then has shown if it is gone.
+        Maintenance = "maintenance",
+        /// It ended, or a person reports that its cause is gone.
+        Resolved = "resolved",
+        /// A person reports that nothing was wrong.
+        FalseAlarm = "false_alarm",
+    }
 }
 
 armwatch_model::serialize_by_name!(AlarmState, EventKind);
 
 impl AlarmState {
-    /// All states.
-    pub const ALL: [Self; 6] =
-        [Self::Open, Self::Acknowledged, Self::Shelved, Self::Maintenance, Self::Resolved, Self::FalseAlarm];
-
-    /// Name as in the view `anomalies`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Open => "open",
-            Self::Acknowledged => "acknowledged",
-            Self::Shelved => "shelved",
-            Self::Maintenance => "maintenance",
-            Self::Resolved => "resolved",
-            Self::FalseAlarm => "false_alarm",
-        }
-    }
-
     /// True if no one has to act.
-    #[must_use]
     pub fn is_closed(self) -> bool {
         matches!(self, Self::Resolved | Self::FalseAlarm)
     }
 }
 
-/// Kind of an event of an anomaly.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EventKind {
-    /// It was found.
-    Opened,
-    /// Its severity rose, or its score by half.
-    Worse,
-    /// A conclusion from more of the history gave it another kind.
-    Corrected,
-    /// Later runs no longer show it.
-    Ended,
-    /// It is open again.
-    Reopened,
-    /// A conclusion from more of the history no longer contains it.
-    Withdrawn,
-    /// No one has answered it for too long.
-    Overdue,
-    /// A person acknowledged it.
-    Acknowledged,
-    /// A person silenced it for a time.
-    Shelved,
-    /// Its shelving ended, or the severity rose.
-    Unshelved,
-    /// Maintenance at its place was entered.
-    Maintenance,
-    /// A person reports that its cause is gone.
-    Resolved,
-    /// A person reports that nothing was wrong.
-    FalseAlarm,
-    /// A person commented on it; its state stays.
-    Commented,
-    /// It was assigned to another person, or to no one.
-    Assigned,
+armwatch_model::named_enum! {
+    /// Kind of an event of an anomaly.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum EventKind {
+        /// It was found.
+        Opened = "opened",
+        /// Its severity rose, or its score by half.
+        Worse = "worse",
+        /// A conclusion from more of the history gave it another kind.
+        Corrected = "corrected",
+        /// Later runs no longer show it.
+        Ended = "ended",
+        /// It is open again.
+        Reopened = "reopened",
+        /// A conclusion from more of the history no longer contains it.
+        Withdrawn = "withdrawn",
+        /// No one has answered it for too long.
+        Overdue = "overdue",
+        /// A person acknowledged it.
+        Acknowledged = "acknowledged",
+        /// A person silenced it for a time.
+        Shelved = "shelved",
+        /// Its shelving ended, or the severity rose.
+        Unshelved = "unshelved",
+        /// Maintenance at its place was entered.
+        Maintenance = "maintenance",
+        /// A person reports that its cause is gone.
+        Resolved = "resolved",
+        /// A person reports that nothing was wrong.
+        FalseAlarm = "false_alarm",
+        /// A person commented on it; its state stays.
+        Commented = "commented",
+        /// It was assigned to another person, or to no one.
+        Assigned = "assigned",
+    }
 }
 
 impl EventKind {
-    /// All kinds.
-    pub const ALL: [Self; 15] = [
-        Self::Opened,
-        Self::Worse,
-        Self::Corrected,
-        Self::Ended,
-        Self::Reopened,
-        Self::Withdrawn,
-        Self::Overdue,
-        Self::Acknowledged,
-        Self::Shelved,
-        Self::Unshelved,
-        Self::Maintenance,
-        Self::Resolved,
-        Self::FalseAlarm,
-        Self::Commented,
-        Self::Assigned,
-    ];
-
-    /// Name as in the view `anomaly_history`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Opened => "opened",
-            Self::Worse => "worse",
-            Self::Corrected => "corrected",
-            Self::Ended => "ended",
-            Self::Reopened => "reopened",
-            Self::Withdrawn => "withdrawn",
-            Self::Overdue => "overdue",
-            Self::Acknowledged => "acknowledged",
-            Self::Shelved => "shelved",
-            Self::Unshelved => "unshelved",
-            Self::Maintenance => "maintenance",
-            Self::Resolved => "resolved",
-            Self::FalseAlarm => "false_alarm",
-            Self::Commented => "commented",
-            Self::Assigned => "assigned",
-        }
-    }
-
     /// True if someone should look.
-    #[must_use]
     pub fn calls(self) -> bool {
         matches!(self, Self::Opened | Self::Reopened | Self::Worse | Self::Overdue | Self::Unshelved)
     }
 
     /// True if no one has to look any more.
-    #[must_use]
     pub fn closes(self) -> bool {
         matches!(self, Self::Ended | Self::Withdrawn | Self::Resolved | Self::FalseAlarm)
     }

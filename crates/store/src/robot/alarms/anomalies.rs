@@ -34,13 +34,11 @@ pub struct Reconciled {
 
 impl Reconciled {
     /// Keys of the anomalies that became open: new ones, and those seen again after they were closed.
-    #[must_use]
     pub fn opened(&self) -> Vec<i64> {
         self.of(&[EventKind::Opened, EventKind::Reopened])
     }
 
     /// Keys of those that ended, or that the findings no longer contain.
-    #[must_use]
     pub fn ended(&self) -> Vec<i64> {
         self.of(&[EventKind::Ended, EventKind::Withdrawn])
     }

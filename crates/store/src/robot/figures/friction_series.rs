@@ -35,7 +35,6 @@ pub struct TestPoints {
 
 impl FrictionSeries {
     /// The points of all tests.
-    #[must_use]
     pub fn points(&self) -> Vec<FrictionPoint> {
         self.tests.iter().flat_map(|test| &test.points).copied().collect()
     }

@@ -49,7 +49,6 @@ pub struct PlannedMap {
 
 impl PlannedMap {
     /// True if it is learnt from the baseline alone, as the first map of an epoch is.
-    #[must_use]
     pub fn is_first(&self) -> bool {
         self.learnt.len() == self.baseline.len()
     }
@@ -77,7 +76,6 @@ struct JointMap {
 
 /// The plan for a robot, with baselines of `baseline_runs` tests, at least two. The points of all tests have been
 /// counted. `method` identifies the sources that compute indices.
-#[must_use]
 pub fn plan(found: &FrictionTests, baseline_runs: usize, method: u64) -> FrictionPlan {
     let tests = &found.tests;
     let maps = grouped(joint_maps(found, baseline_runs.max(MIN_BASELINE_RUNS)), tests, method);

@@ -52,7 +52,6 @@ pub struct KnownMap {
 
 impl KnownPlan {
     /// Part of the plan of all tests; `None` for a short history.
-    #[must_use]
     pub fn of(found: &FrictionTests, plan: &FrictionPlan) -> Option<Self> {
         let (latest, planned) = (found.tests.last()?, plan.tests.last()?);
         if found.tests.len() < LONG {
@@ -103,7 +102,6 @@ impl KnownPlan {
     }
 
     /// Keys of the tests that its maps use.
-    #[must_use]
     pub fn tests(&self) -> Vec<i64> {
         let mut keys: Vec<i64> = self.maps.iter().flat_map(|map| map.motion.iter().copied()).collect();
         keys.sort_unstable();
@@ -112,14 +110,12 @@ impl KnownPlan {
     }
 
     /// Start of the first test whose motion may affect the next test, microseconds since 1970.
-    #[must_use]
     pub fn remembers_from(&self) -> i64 {
         self.until.0 - (REMEMBERED_S * 1e6) as i64
     }
 
     /// The plan of the tests after the latest, and the updated known part. `found` has the tests of the maps, those
     /// that are remembered and all later ones, with their points. `None` if only all tests together determine the plan.
-    #[must_use]
     pub fn extended(
         &self,
         found: &FrictionTests,
