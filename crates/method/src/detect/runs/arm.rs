@@ -75,8 +75,8 @@ impl ArmEvidence {
     }
 
     /// The fault of a run after a run with the fault `before`: a clear one, or still the same. If an unknown change
-    /// is added, a known fault continues as long as it explains most of the change. A mechanical fault does not
-    /// become an offset of the torque signal that the friction stage does not show.
+    /// is added, a known fault continues as long as it explains most of the change. So does a mechanical fault if an
+    /// offset of the torque signal is now likelier.
     fn after(&self, before: ArmCause) -> ArmCause {
         let still = self.still();
         if still.is_same_fault(&before) {
@@ -118,13 +118,15 @@ impl ArmEvidence {
         advantage_of(&self.causes)
     }
 
-    /// Odds of each cause against all others together, the likeliest first.
-    pub(super) fn odds(&self) -> Vec<(ArmCause, f64)> {
-        let least = self.causes.first().map_or(0.0, |(_, cost)| *cost);
+    /// Odds of each cause against all others together, the likeliest first, for a run with this `fault`. They omit the
+    /// offset that a mechanical fault does not become.
+    pub(super) fn odds(&self, fault: &ArmCause) -> Vec<(ArmCause, f64)> {
+        let causes = || self.causes.iter().filter(|(cause, _)| !cause.is_offset_of_rest(fault));
+        let least = causes().next().map_or(0.0, |(_, cost)| *cost);
         let weight = |cost: f64| (-0.5 * (cost - least)).exp();
-        let all: f64 = self.causes.iter().map(|(_, cost)| weight(*cost)).sum();
+        let all: f64 = causes().map(|(_, cost)| weight(*cost)).sum();
         let odds = |cost: f64| weight(cost) / (all - weight(cost)).max(f64::MIN_POSITIVE);
-        self.causes.iter().map(|(cause, cost)| (*cause, odds(*cost))).collect()
+        causes().map(|(cause, cost)| (*cause, odds(*cost))).collect()
     }
 }
 

@@ -1,6 +1,8 @@
 //! Causes of a change of the arm while loads, seasons or noise differ between tests.
 
-use super::cause_tests::{State, alarms, fleet, only};
+use super::cause_tests::{State, alarms, answers, fleet, only};
+use armwatch_model::analysis::response::ChannelFault;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, RunSummary};
 
 #[test]
@@ -82,4 +84,36 @@ fn noise_of_all_signals_is_one_alarm_of_the_arm() {
     }
     let found = only(&history, AnomalyKind::Sensor, None);
     assert!((found.value / 3.0 - 1.0).abs() < 0.05 && found.message.contains("most joints"), "{found:?}");
+}
+
+/// A ripple at the motor's turn grows with every test. Its torque moves the parameters as an offset would. From some test
+/// on, the friction stage shows the part of it that does not average out.
+#[test]
+fn a_mechanical_fault_that_grows_becomes_no_offset() {
+    const FIRST: i64 = 7;
+    for (seed, rate, left) in [(13, 1.2, 0.0), (14, 1.4, 0.0), (15, 1.7, 0.0), (16, 1.4, 0.3)] {
+        let ratio = |run: i64| if run < FIRST { 1.0 } else { 3.0 * f64::powi(rate, (run - FIRST) as i32) };
+        let state = |run: i64| State {
+            noise: Some((3, 1.0)),
+            unexplained: Some((3, ratio(run))),
+            offset: (run > FIRST + 2).then_some((3, left)),
+            ..State::default()
+        };
+        let mut history = fleet(13, seed, state);
+        answers(&mut history, 3, ChannelFault::TorqueOffset, 0.8, 0.1);
+        for (run, of) in (0..).zip(&mut history).filter(|(run, _)| *run > FIRST) {
+            // the offset that leaves as much, and what the trust in the joint leaves of its effect
+            let offset = 0.2 * (ratio(run).powi(2) - 1.0).sqrt();
+            let own = of.parameters.iter_mut().filter(|of| of.id.joint.index() == 3);
+            own.for_each(|of| of.mean += 0.8 * offset / ratio(run).powi(2));
+        }
+        // the first test alone is worth knowing, the second one confirms it
+        for runs in FIRST as usize + 2..=history.len() {
+            let found = only(&history[..runs], AnomalyKind::Accuracy, Some(4));
+            assert_eq!(found.quantity, Quantity::UnexplainedTorque, "rate {rate}: {found:?}");
+            let latest = (found.first_run_id, found.last_run_id, found.ended);
+            assert_eq!(latest, (FIRST + 1, runs as i64, false), "rate {rate}: {found:?}");
+            assert!((found.value / ratio(runs as i64 - 1) - 1.0).abs() < 0.1, "rate {rate}: {found:?}");
+        }
+    }
 }

@@ -478,7 +478,7 @@ fn an_offset_of_a_torque_does_not_excuse_a_load() {
 /// Sets the response of the parameters as weighted least squares give it. A fault that leaves more of a joint's torque
 /// unexplained moves that joint's own parameters less. `change` and `left`, a fraction of the torque, are per unit of
 /// the fault's size.
-fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
+pub(super) fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
     let parameters: Vec<ParameterId> = history[0].parameters.iter().map(|of| of.id).collect();
     let of_strength = |(strength, times): (usize, f64)| FaultResponse {
         joint: JointIndex::new(joint),

@@ -106,10 +106,15 @@ pub(super) fn own_causes(
     joint: JointIndex,
 ) -> Vec<(ArmCause, f64)> {
     let of_signal = |fault| ArmCause::TorqueSignal { joint, fault };
-    if signal.offset.1 > 0.0 {
-        return vec![(of_signal(SignalFault::Offset(signal.offset.0)), 0.0)];
-    }
     let (ratio, rest) = signal.unexplained;
+    if signal.offset.1 > 0.0 {
+        // the part of a ripple or of play that does not average out looks like an offset
+        let left = signal.offset.1 + signal.noise_cost() + MECHANICAL_PRICE;
+        let is_mechanical = rest > 0.0 && signal.noise.is_some();
+        let mechanical = is_mechanical.then_some((ArmCause::UnexplainedTorque { joint, ratio }, left));
+        let offset = (of_signal(SignalFault::Offset(signal.offset.0)), 0.0);
+        return std::iter::once(offset).chain(mechanical).collect();
+    }
     let mut found = Vec::new();
     match signal.noise {
         Some((noise, cost)) => {

@@ -112,8 +112,11 @@ impl ArmFigure {
     }
 
     fn verdict(self, evidence: &ArmEvidence, fault: &ArmCause, is_confirmed: bool) -> Verdict {
-        let (own, others): (Vec<_>, Vec<_>) = evidence.odds().into_iter().partition(|(of, _)| of == fault);
-        let own = own.first().map(|(_, odds)| odds.min(MOST_ODDS));
+        let (own, others): (Vec<_>, Vec<_>) =
+            evidence.odds(fault).into_iter().partition(|(of, _)| of == fault);
+        // a fault that continues although another cause is likelier now has no odds from this test
+        let own = own.first().map(|(_, odds)| odds.min(MOST_ODDS)).filter(|odds| *odds >= 1.0);
+        let others = others.into_iter().take(if own.is_some() { 3 } else { 0 });
         Verdict::Out {
             severity: if is_confirmed { Severity::Warning } else { Severity::Info },
             score: self.score,
@@ -126,8 +129,6 @@ impl ArmFigure {
                 onset: None,
                 odds: own,
                 alternatives: others
-                    .into_iter()
-                    .take(3)
                     .map(|(cause, odds)| Alternative { cause: cause.words(), odds })
                     .collect(),
             },

@@ -18,6 +18,8 @@ const RUNS_AFTER: usize = 8;
 const USUAL_RATE: f64 = 0.06;
 /// By how much less than a ramp a jump must leave, in units of chi²: friction wears more often than it jumps.
 const JUMP_PRICE: f64 = 4.0;
+/// Part of the largest change below which friction has returned. A repair does not show how friction changed before.
+const BACK: f64 = 0.25;
 
 /// How friction came to where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +49,7 @@ pub(super) fn shape(
     if let Some(step) = inside {
         return step;
     }
-    let compared: Vec<&Observed> = friction
+    let mut compared: Vec<&Observed> = friction
         .runs
         .iter()
         .filter(|of| of.run + RUNS_OF_RAMP >= first && of.run <= last && of.run < first + RUNS_AFTER)
@@ -55,6 +57,15 @@ pub(super) fn shape(
         .collect();
     // where friction changed in the tests of the baseline, its level is that of the first of them
     let level = compared.first().filter(|_| friction.has_changed_at_first).map_or(1.0, |of| of.ratio);
+    let mut most = 0.0_f64;
+    let is_back = |of: &&Observed| {
+        let by = (of.ratio - level) * change.signum();
+        most = if of.run >= first { most.max(by) } else { most };
+        of.run > first && by < BACK * most
+    };
+    if let Some(back) = compared.iter().position(is_back) {
+        compared.truncate(back);
+    }
     let Some(out) = compared.iter().position(|of| of.run >= first) else {
         return Shape::Drift { run: first };
     };
