@@ -76,8 +76,8 @@ impl Alarm {
         let urgency = match self.event.severity {
             _ if self.is_closed() => "nothing to do",
             Severity::Info => "worth knowing",
-            Severity::Warning => "plan a look",
-            Severity::Critical => "look before the next shift",
+            Severity::Warning => "plan an inspection",
+            Severity::Critical => "inspect before the next shift",
         };
         self.say(urgency, &[])
     }
@@ -376,7 +376,7 @@ pub fn example(severity: Severity, now: Timestamp) -> AlarmEvent {
         kind: AnomalyKind::Drift,
         quantity: Quantity::FrictionIndex,
         severity,
-        message: "this is a try of the route, no robot is meant; friction at equal speed and warmth would be 24 % above \
+        message: "this is a test of the route and concerns no robot; friction at equal speed and temperature would be 24 % above \
                   the joint's baseline"
             .into(),
         score: Some(0.24),

@@ -212,7 +212,7 @@ fn every_sentence_of_the_detectors_is_in_the_table() {
 #[test]
 fn a_message_of_a_detector_is_said_in_each_language_with_its_values() {
     let messages = [
-        "joint 3: friction at equal speed and warmth, smoothed over the tests, is 15.5 % above the joint's baseline \
+        "joint 3: friction at equal speed and temperature, smoothed over the tests, is 15.5 % above the joint's baseline \
          (limit 5 %, over below 3.8 %); latest test, within the limit by itself: friction index 1.045, standard error \
          0.007, of which all joints share +2 %; check lubrication, gearbox and brake; at this rate critical by 2027-01-02 \
          (80 %: 2026-12-01 to 2027-03-01)",
@@ -234,10 +234,10 @@ fn a_message_of_a_detector_is_said_in_each_language_with_its_values() {
          fits; all joints do so, as with another or an aged lubricant",
         "joint 1: the identified model misses 12.5 % of this joint's torque, limit 10 %, as in its baseline; check torque \
          signal, payload and the robot's description",
-        "in cycle 4 of this test alone the identified model misses 5.0 % of the torque of joint 1 (1.0 % in the cycles beside \
-         it) and 7.0 % of the torque of joint 2 (1.0 % in the cycles beside it); a force on the arm loads the joints before it, \
+        "in cycle 4 of this test alone the identified model misses 5.0 % of the torque of joint 1 (1.0 % in the cycles next to \
+         it) and 7.0 % of the torque of joint 2 (1.0 % in the cycles next to it); a force on the arm loads the joints before it, \
          so look from link 2 on to the tool",
-        "in ordinary work 31 % of the torque is not what the last test leads to expect; the test itself leaves 2.0 %: \
+        "in production 31 % of the torque is not what the last test predicts; the test itself leaves 2.0 %: \
          friction of joint 4 explains most of it",
     ];
     let english = ["friction", "joint ", "check", "test", "torque", "cycle", " the ", " of ", " and "];
@@ -274,7 +274,7 @@ fn a_message_of_a_detector_is_said_in_each_language_with_its_values() {
     assert_eq!(
         finding(
             Language::Chinese,
-            "in cycle 4 of this test alone the identified model misses 5.0 % of the torque of joint 1 (1.0 % in the cycles beside it)"
+            "in cycle 4 of this test alone the identified model misses 5.0 % of the torque of joint 1 (1.0 % in the cycles next to it)"
         ),
         "仅在本次测试的循环 4 中，辨识模型未能解释关节 1 的 5.0 % 力矩（相邻循环为 1.0 %）"
     );

@@ -9,7 +9,7 @@ pub mod origin;
 mod expression;
 mod rigid_body;
 pub mod torque;
-pub mod warmth;
+pub mod warm_up;
 mod listing;
 pub mod vectors;
 mod header;

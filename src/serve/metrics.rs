@@ -183,7 +183,7 @@ fn of_joints(to: &mut DescriptorEncoder<'_>, health: &[FleetHealthRow]) -> fmt::
     let of_joints: [JointFigure; 2] = [
         (
             "armwatch_joint_friction_index_ratio",
-            "Friction of the latest test at equal speed and warmth against the joint's baseline, 1 is unchanged.",
+            "Friction of the latest test at equal speed and temperature against the joint's baseline, 1 is unchanged.",
             |row| row.friction_index,
         ),
         (

@@ -420,7 +420,7 @@ fn gears_cool_at_rest_where_they_warm_by_work() {
 }
 
 #[test]
-fn units_of_a_fleet_differ_and_shifts_and_seasons_set_warmth_and_hall() {
+fn units_of_a_fleet_differ_and_shifts_and_seasons_set_temperature_and_ambient() {
     let robot = er3a_with_excitation();
     let fleet = SimulationSettings {
         unit_spread: UnitSpread { friction: 0.2, bodies: 0.01 },

@@ -1,7 +1,7 @@
 -- A history that nobody recorded, for measurements of the time that questions about a long one take: `:robots` robots of
 -- `:runs` tests each with `:cycles` cycles and six joints, one test a day from 2020 on, their files in the folder `:inbox`.
 -- Figures are near one another and stand for nothing. Of the tests, counted from 0 over all robots, day by day, those from
--- `:first` to before `:last`. Behind each test are `:logs` logs of ordinary work of a window each, the keys of whose runs
+-- `:first` to before `:last`. Behind each test are `:logs` logs of production of a window each, the keys of whose runs
 -- and cycles follow those of all `:runs` tests; `:evidence` is what such a log leaves of the torque, as it is stored. Where there are logs,
 -- cycles of tests have factors for 120 days and windows for 7, as far as questions ask whether there are some.
 CREATE TEMP TABLE size (robots INTEGER, cycles INTEGER, joints INTEGER);

@@ -60,7 +60,7 @@ pub(crate) struct HistoryArgs {
     /// Cycles of each test
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100))]
     cycles: u32,
-    /// Logs of ordinary work behind each test, of a window each
+    /// Logs of production behind each test, of a window each
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=144))]
     logs: u32,
     /// Make the database there and keep it; one that is there already is asked as it is
@@ -142,7 +142,7 @@ async fn of_conclusion(store: &Store) -> Result<ConclusionCost, PipelineError> {
         "friction of the first and latest tests",
         "tests of baselines",
         "peers",
-        "windows of ordinary work",
+        "windows of production",
         "tests of the window",
         "logs, stored anomalies",
     ];
@@ -203,7 +203,7 @@ async fn of_conclusion(store: &Store) -> Result<ConclusionCost, PipelineError> {
         first,
         then,
     };
-    let detectors = [("detectors of tests", 0), ("detectors of ordinary work", 1)]
+    let detectors = [("detectors of tests", 0), ("detectors of production", 1)]
         .map(|(name, of)| row((name, (first.detectors[of], then.detectors[of]))));
     Ok(ConclusionCost {
         asked: asked.map(row).collect(),

@@ -27,7 +27,7 @@ fn a_message_says_figures_onset_peak_trend_and_urgency() {
     let text = message(vec![alarm()]).text();
     for expected in [
         "critical: TEST (Turin), joint 3: drift opened",
-        "  urgency: look before the next shift",
+        "  urgency: inspect before the next shift",
         "  latest test: 1.24, expected 1",
         "  smoothed over 3 tests: 1.19",
         "  out by: 24 %, alarm from 5 %",
@@ -56,7 +56,7 @@ fn an_alarm_that_ended_keeps_its_peak_and_asks_for_nothing() {
         ended.event.what = what;
         ended.event.value = Some(0.9964);
         ended.event.message = "joint 2: friction jumped by +25 % between two tests; friction at equal speed and \
-                               warmth is 12 % above the joint's baseline (limit 5 %); latest test: friction index \
+                               temperature is 12 % above the joint's baseline (limit 5 %); latest test: friction index \
                                0.996; check lubrication, gearbox and brake"
             .into();
         let message = message(vec![ended]);

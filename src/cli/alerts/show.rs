@@ -205,7 +205,7 @@ fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     text.push_str(&output::table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows));
     if row.quantity.history() == RunKind::Production {
         text.push_str(&format!(
-            "\nthe logs of ordinary work that show it: `SELECT * FROM production_trend WHERE robot = '{}'`",
+            "\nthe logs of production that show it: `SELECT * FROM production_trend WHERE robot = '{}'`",
             row.robot
         ));
     }

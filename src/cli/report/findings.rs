@@ -48,7 +48,7 @@ fn of_health(row: &FleetHealthRow, is_told: bool) -> PageFinding {
         let quantity = match row.friction_quantity {
             Some(Quantity::WarmFriction) => "Warm friction as measured",
             Some(Quantity::ExcitationFriction) => "Friction of the excitation stage",
-            _ => "Friction at equal speed and warmth",
+            _ => "Friction at equal speed and temperature",
         };
         words.push(format!(
             "{quantity}: {} against the baseline (ratio {index:.3}).",
@@ -85,7 +85,7 @@ pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> PageFinding {
     let mut words = Vec::new();
     match (run.friction_index, run.friction_index_std_error) {
         (Some(index), error) => words.push(format!(
-            "Friction at equal speed and warmth: {} against the baseline (friction index {index:.4}, standard error {}).",
+            "Friction at equal speed and temperature: {} against the baseline (friction index {index:.4}, standard error {}).",
             change(Some(index - 1.0)),
             figure(error)
         )),

@@ -228,8 +228,8 @@ fn in_words(of: &RobotData<'_>) -> String {
         of.life.health.iter().filter(|row| row.status == status).map(|row| row.joint).collect()
     };
     let said = [
-        (HealthStatus::Critical, "look before the next shift"),
-        (HealthStatus::Warning, "plan a look"),
+        (HealthStatus::Critical, "inspect before the next shift"),
+        (HealthStatus::Warning, "plan an inspection"),
         (HealthStatus::Overdue, "a test is overdue"),
         (HealthStatus::Unknown, "the latest test does not say how they are"),
         (HealthStatus::Learning, "too few tests for a baseline yet"),
@@ -416,7 +416,7 @@ fn parameters(of: &RobotData<'_>) -> PageSection {
         blocks.push(PageBlock::Text(format!(
             "{compared} of run {latest} differ from their baseline by more than {MARKED_SPREADS} times the spread between \
              the baseline's own tests (marked *). That spread comes from few tests, so a mark is a place to look at and \
-             no alarm; friction coefficients also change with the warmth of the arm."
+             no alarm; friction coefficients also change with the temperature of the arm."
         )));
     } else {
         blocks.push(PageBlock::Text(
@@ -485,7 +485,7 @@ fn twins(of: &RobotData<'_>) -> PageSection {
     );
     let rows = own.iter().map(row).collect();
     let table =
-        table("Latest test beside those of the others", &header, rows, "No test of this robot has figures.");
+        table("Latest test next to those of the others", &header, rows, "No test of this robot has figures.");
     PageSection { heading, blocks: vec![PageBlock::Text(text), table] }
 }
 
@@ -564,7 +564,7 @@ fn unknowns(of: &RobotData<'_>) -> PageSection {
         (row.joint, remarks.get(&number).copied().unwrap_or(few))
     });
     for alike in reasons(unmapped) {
-        say(format!("{}: friction at equal warmth", named(&alike.joints, joints)), alike.why.to_owned());
+        say(format!("{}: friction at equal temperature", named(&alike.joints, joints)), alike.why.to_owned());
     }
     for source in &of.sources {
         for line in source.remarks.as_deref().unwrap_or_default().lines() {

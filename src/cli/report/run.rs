@@ -137,7 +137,7 @@ fn conclusions(
     }
     if run.kind == RunKind::Production {
         blocks.push(PageBlock::Text(
-            "The run is a log of ordinary work: it has no parameters of its own. The views production_checks and \
+            "The run is a log of production: it has no parameters of its own. The views production_checks and \
              production_trend compare it with tests."
                 .into(),
         ));

@@ -18,7 +18,7 @@ use crate::robot_code::language::{CodeLanguage, SourceFile};
 use crate::robot_code::origin::{CodeOrigin, GENERATED_BY};
 use crate::robot_code::torque::CodeParameter;
 use crate::robot_code::vectors::{ROUNDING, VECTOR_STATES};
-use crate::robot_code::warmth::{WarmUpCurves, scale_friction};
+use crate::robot_code::warm_up::{WarmUpCurves, scale_friction};
 use armwatch_config::{Config, read_robot};
 use armwatch_method::model::base_parameters::base_parameters;
 use armwatch_method::pooled::nominal_prior::nominal_value;
@@ -186,10 +186,10 @@ async fn identified(
             robot.model, set.model.name
         )));
     }
-    let warmth = warmth(store, &set.sources).await?;
+    let warm_up = warm_up(store, &set.sources).await?;
     let mut parameters = with_groupings(&robot, &set)?;
     let friction_factors = match args.friction_minute {
-        Some(minute) => Some(factors_at(&robot, &warmth, minute)?),
+        Some(minute) => Some(factors_at(&robot, &warm_up, minute)?),
         None => None,
     };
     if let Some(factors) = &friction_factors {
@@ -206,7 +206,7 @@ async fn identified(
         and missing masses are part of others. Together they give the torque of the arm."
             .to_owned(),
     );
-    let friction = warmth_lines(&robot, &warmth, args.friction_minute, friction_factors.as_deref());
+    let friction = warm_up_lines(&robot, &warm_up, args.friction_minute, friction_factors.as_deref());
     let origin = CodeOrigin { program: program(), parameters: lines, friction };
     Ok(CodeModel { robot, parameters, origin, sources: set.sources, friction_factors })
 }
@@ -234,7 +234,7 @@ fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<CodeParameter
 }
 
 /// Warm-up curves of the runs, and the middles of the chosen cycles.
-pub(super) async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<WarmUpCurves, CliError> {
+pub(super) async fn warm_up(store: &Store, sources: &[SourceCycle]) -> Result<WarmUpCurves, CliError> {
     let mut runs: Vec<i64> = sources.iter().map(|source| source.run_id).collect();
     runs.sort_unstable();
     runs.dedup();
@@ -249,15 +249,15 @@ pub(super) async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<War
 }
 
 /// Factors of each joint's friction at a minute of the recording.
-pub(super) fn factors_at(robot: &Robot, warmth: &WarmUpCurves, minute: f64) -> Result<Vec<f64>, CliError> {
-    let last = warmth.last_minute().unwrap_or(0.0);
+pub(super) fn factors_at(robot: &Robot, warm_up: &WarmUpCurves, minute: f64) -> Result<Vec<f64>, CliError> {
+    let last = warm_up.last_minute().unwrap_or(0.0);
     if last > 0.0 && !(0.0..=last).contains(&minute) {
         return Err(CliError::Usage(format!(
             "--friction-minute {minute}: friction was measured until minute {last:.1}; give a minute from 0 to this"
         )));
     }
     let of_joint = |joint: JointIndex| {
-        warmth.relative_friction(joint, minute).ok_or_else(|| {
+        warm_up.relative_friction(joint, minute).ok_or_else(|| {
             CliError::Usage(format!(
                 "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: \
                 its friction stages show none; omit --friction-minute to use the friction of the chosen \
@@ -269,13 +269,13 @@ pub(super) fn factors_at(robot: &Robot, warmth: &WarmUpCurves, minute: f64) -> R
 }
 
 /// Text on the temperature for which the friction holds.
-pub(super) fn warmth_lines(
+pub(super) fn warm_up_lines(
     robot: &Robot,
-    warmth: &WarmUpCurves,
+    warm_up: &WarmUpCurves,
     minute: Option<f64>,
     factors: Option<&[f64]>,
 ) -> Vec<String> {
-    let when = match warmth.minutes() {
+    let when = match warm_up.minutes() {
         None => "as in the excitation of these cycles, minutes since the start of the recording unknown"
             .to_owned(),
         Some([first, last]) if last - first < 0.05 => {
@@ -294,10 +294,10 @@ pub(super) fn warmth_lines(
             robot.joint_count()
         )];
     }
-    let Some(last) = warmth.last_minute() else {
+    let Some(last) = warm_up.last_minute() else {
         return vec![when, "thermal state unknown: the recording has no warm-up curves".to_owned()];
     };
-    let at_end = |joint| warmth.relative_friction(joint, last);
+    let at_end = |joint| warm_up.relative_friction(joint, last);
     let ends = robot.joint_indices().map(at_end);
     let shown =
         |at_end: Option<f64>| at_end.map_or_else(|| "unknown".to_owned(), |at| format!("{:.3}", 1.0 / at));

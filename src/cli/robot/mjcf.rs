@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::code::{factors_at, warmth, warmth_lines};
+use super::code::{factors_at, warm_up, warm_up_lines};
 use super::urdf::{self, BodyCycles};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::output;
@@ -38,14 +38,14 @@ pub(in crate::cli) struct RobotMjcfArgs {
 
 pub(in crate::cli) fn mjcf(global: &Global, args: &RobotMjcfArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
-    let (fitted, warmth, temperatures) = runtime()?.block_on(async {
+    let (fitted, warm_up, temperatures) = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
         let done = async {
             let fitted = args.cycles.fit(&config, &store).await?;
-            let warmth = warmth(&store, &fitted.sources).await?;
+            let warm_up = warm_up(&store, &fitted.sources).await?;
             let cycles: Vec<(i64, u32)> = fitted.sources.iter().map(|of| (of.run_id, of.cycle)).collect();
             let temperatures = store.motor_temperatures(&cycles).await?;
-            Ok::<_, CliError>((fitted, warmth, temperatures))
+            Ok::<_, CliError>((fitted, warm_up, temperatures))
         };
         let done = done.await;
         store.close().await?;
@@ -55,11 +55,11 @@ pub(in crate::cli) fn mjcf(global: &Global, args: &RobotMjcfArgs) -> Result<u8, 
         return Ok(EXIT_FOUND);
     }
     let (robot, model) = (&fitted.robot, &fitted.fit.estimate.model);
-    let factors = args.friction_minute.map(|minute| factors_at(robot, &warmth, minute)).transpose()?;
+    let factors = args.friction_minute.map(|minute| factors_at(robot, &warm_up, minute)).transpose()?;
     let factor = |joint: JointIndex| factors.as_ref().map_or(1.0, |factors| factors[joint.index()]);
     let friction: Vec<MjcfFriction> =
         robot.joint_indices().map(|joint| mjcf_friction(robot, model, joint, factor(joint))).collect();
-    let mut state: Vec<String> = warmth_lines(robot, &warmth, args.friction_minute, factors.as_deref());
+    let mut state: Vec<String> = warm_up_lines(robot, &warm_up, args.friction_minute, factors.as_deref());
     state.push(match temperatures.iter().any(Option::is_some) {
         true => {
             let shown = |of: &Option<f64>| of.map_or_else(|| "unknown".to_owned(), |of| format!("{of:.1}"));

@@ -48,7 +48,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
          #ifdef __cplusplus\nextern \"C\" {{\n#endif\n\n\
          /* Torque of each joint, Nm (N). */\n{signature};\n\n\
          /* What of it is friction at the speeds qd, Nm (N). A joint that is colder: tau + (s - 1) friction, s the\n \
-         * friction at its warmth against that of this code. */\n{friction_signature};\n\n\
+         * friction at its temperature against that of this code. */\n{friction_signature};\n\n\
          #ifdef __cplusplus\n}}\n#endif\n\n#endif\n"
     );
     let mut source = format!(

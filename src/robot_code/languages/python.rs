@@ -55,7 +55,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     ];
     source += &functions.definitions(helpers);
     source += "\n\ndef friction(qd):\n    \"\"\"What of the torque is friction at the speeds qd, Nm (N).\n\n    \
-               A joint that is colder: tau + (s - 1) friction, s the friction at its warmth against that of this code.\n    \
+               A joint that is colder: tau + (s - 1) friction, s the friction at its temperature against that of this code.\n    \
                \"\"\"\n";
     source += &inputs(&functions.friction, &["qd"]);
     source += &assignments(&functions.friction, &SYNTAX);

@@ -52,7 +52,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     ];
     source += &functions.definitions(helpers);
     source += "/// What of the torque is friction at the speeds `qd`, Nm (N). A joint that is colder: `tau + (s - 1) friction`,\n\
-               /// `s` the friction at its warmth against that of this code.\n\
+               /// `s` the friction at its temperature against that of this code.\n\
                #[must_use]\n";
     let (reads, friction_inputs) = inputs(&functions.friction, &["qd"]);
     source +=

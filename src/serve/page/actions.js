@@ -131,7 +131,7 @@ export function deleteButton(work, done) {
   const name = `${work.what}, ${jointName(work.joint)}`;
   return act({ class: "quiet", "data-key": `delete/${work.maintenance_id}`, "aria-label": t`Delete the entry: ${name}`, onclick: async () => {
     if (await ask({
-      title: t`Delete this entry`, intro: t`${work.robot}: ${name}. The baseline of before holds again, and alarms that this entry put into maintenance are open again.`,
+      title: t`Delete this entry`, intro: t`${work.robot}: ${name}. The earlier baseline applies again, and alarms that this entry put into maintenance are open again.`,
       fields: [], submit: t`Delete the entry`, onsubmit: () => remove(`v1/maintenance/${work.maintenance_id}`),
     })) {
       toast(t`Deleted: ${name}.`, async () => {

@@ -85,7 +85,7 @@ export function mount({ main, title }) {
   });
 
   const stuck = part({
-    title: t`Cannot be read on`, note: t`Growing files with a fault. They are tried again while they grow, and judged when they have settled.`,
+    title: t`Cannot be read further`, note: t`Growing files with a fault. They are tried again while they grow, and judged when they are complete.`,
     load: async (signal) => (await view("blocked_files", { order: "-blocked_at", limit: 300 }, signal)).rows,
     draw: (rows) => (rows.length ? h("ul", { class: "faults" }, rows.map(blocked))
       : h("p", { class: "calm bare-calm" }, icon("ok"), t`Every growing file is read as far as it is written.`)),

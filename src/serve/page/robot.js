@@ -159,7 +159,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
           }, owned);
         })),
         legend(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one)))),
-        limits ? null : h("p", { class: "part-note" }, anyLimit ? t`A limit is drawn where an alarm tells it. The daemon does not tell the limits of the other joints.` : t`No limit is drawn: the daemon does not tell the limits of these joints.`),
+        limits ? null : h("p", { class: "part-note" }, anyLimit ? t`A limit is drawn where an alarm states it. The daemon does not state the limits of the other joints.` : t`No limit is drawn: the daemon does not state the limits of these joints.`),
         truncated ? h("p", { class: "part-note" }, t`The history is longer than 10 000 points; the latest of them are shown.`) : null,
       ];
     },

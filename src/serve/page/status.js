@@ -7,7 +7,7 @@ export const MEANING = {
   critical: t`an alarm of severity critical`,
   warning: t`an alarm of severity warning`,
   overdue: t`the next test is late`,
-  unknown: t`the latest test does not tell`,
+  unknown: t`the latest test gives no result`,
   learning: t`no baseline yet`,
   ok: t`agrees with the baseline`,
 };

@@ -4,7 +4,7 @@ pub mod servo;
 pub mod temperatures;
 pub mod recording;
 pub mod heat;
-pub(super) mod warmth;
+pub(super) mod arm_thermal_state;
 pub mod truth;
 pub mod record;
 pub mod matched_model;

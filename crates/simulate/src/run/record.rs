@@ -6,10 +6,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use super::arm_thermal_state::ArmThermalState;
 use super::heat::{Heat, SensorReading, friction_power};
 use super::recording::{RecordedRow, Recording};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
-use super::warmth::Warmth;
 use crate::arm::dynamics::joint_torque;
 use crate::arm::elastic::motor_state;
 use crate::arm::friction::{
@@ -50,13 +50,13 @@ pub fn record<E>(
     let mut gears = Gears::default();
     let mut torque_noise = [0.0; MAX_JOINTS];
     let mut faults = recording.faults.clone();
-    let mut warmth = Warmth::new(recording);
+    let mut thermal_state = ArmThermalState::new(recording);
     for cycle in 1..=recording.cycles {
         faults.begin_cycle(cycle);
         let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
         let start_s = first as f64 / recording.sample_rate_hz;
         let mut tally = PlateauTally::new(&recording.plan);
-        let at_start = warmth.multipliers(recording, start_s);
+        let at_start = thermal_state.multipliers(recording, start_s);
         for k in 0..rows_per_cycle {
             // a cycle begins with its first row
             let earliest = if k == 0 { 0.0 } else { -dt };
@@ -74,7 +74,7 @@ pub fn record<E>(
             let turned = gears.turn(recording, &state);
             let (mut torque, lost) = true_torque(
                 recording,
-                (faults.friction(), &warmth.multipliers(recording, time)),
+                (faults.friction(), &thermal_state.multipliers(recording, time)),
                 (&links, &state, &turned),
                 time,
                 segment,
@@ -82,7 +82,7 @@ pub fn record<E>(
                 &mut tally,
             );
             let power = friction_power(&lost, &state.velocity);
-            warmth.step(recording, dt, &power);
+            thermal_state.step(recording, dt, &power);
             faults.loosen(&recording.chain, &state, time, &mut torque);
             faults.push(t / recording.plan.duration, &mut torque);
             let mut row =
@@ -102,7 +102,7 @@ pub fn record<E>(
 /// planned, `state` is the motion of the motors: the same unless gears bend.
 fn true_torque(
     recording: &Recording,
-    (friction_factor, warmth): (&PerJoint, &PerJoint),
+    (friction_factor, thermal_state): (&PerJoint, &PerJoint),
     (links, state, turned): (&MotionState, &MotionState, &PerJoint),
     time: f64,
     segment: &Segment,
@@ -129,7 +129,8 @@ fn true_torque(
     let mut all_lost = [0.0; MAX_JOINTS];
     for (j, friction) in recording.friction.iter().enumerate() {
         let (q, qd) = (state.position[j], state.velocity[j]);
-        let plain = friction_torque_at(friction, &coefficients_with(friction, warmth[j]), qd, turned[j]);
+        let plain =
+            friction_torque_at(friction, &coefficients_with(friction, thermal_state[j]), qd, turned[j]);
         let carried = rigid[j] - recording.chain.motor_inertia(JointIndex::new(j)) * state.acceleration[j];
         let lost = friction_factor[j] * with_direction_and_load(friction, plain, (carried, qd), turned[j]);
         torque[j] += lost + ripple_torque(friction, q, qd);

@@ -126,7 +126,7 @@ fn worn_since_the_test(series: &JointLogs<'_>, log: usize) -> Option<Verdict> {
         value,
         baseline: 1.0,
         message: format!(
-            "in ordinary work friction is {:.0} % above what the last test leads to expect, beyond what the other joints \
+            "in production friction is {:.0} % above what the last test predicts, beyond what the other joints \
              have; check lubrication, gearbox and brake, and run a test",
             100.0 * beyond
         ),
@@ -197,7 +197,7 @@ fn message(change: f64, level: &Level, log: &ProductionSummary) -> String {
         false => "that of the first logs since the last test",
     };
     format!(
-        "in ordinary work friction is {:.0} % above {compared}{}; check lubrication, gearbox and brake, and run a test",
+        "in production friction is {:.0} % above {compared}{}; check lubrication, gearbox and brake, and run a test",
         100.0 * change / level.value,
         if log.joints.len() < FEWEST_JOINTS { "" } else { ", and not in the other joints" }
     )

@@ -61,9 +61,9 @@ impl Detector<JointLogs<'_>> for LoadChange {
 
 fn message(part: f64, level: f64) -> String {
     format!(
-        "in ordinary work {:.1} % of the torque is neither what the last test leads to expect nor \
+        "in production {:.1} % of the torque is neither predicted by the last test nor \
          friction, {:.1} % in the first logs since; nothing is wrong if the tool, the load or the \
-         program changed, else look for a contact or a torque signal that is off",
+         program changed, otherwise look for a contact or a torque signal that is off",
         100.0 * part,
         100.0 * level
     )

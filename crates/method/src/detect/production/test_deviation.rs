@@ -96,7 +96,7 @@ fn against_the_test(
         value: all,
         baseline: own,
         message: format!(
-            "in ordinary work {:.0} % of the torque is not what the last test leads to expect; {itself}: \
+            "in production {:.0} % of the torque is not what the last test predicts; {itself}: \
              {cause}",
             100.0 * all
         ),

@@ -52,7 +52,7 @@ impl Detector<JointLogs<'_>> for TorqueSignal {
                 value,
                 baseline,
                 message: format!(
-                    "in ordinary work the torque signal {what} the last test leads to expect; check the torque sensor or \
+                    "in production the torque signal {what} the last test predicts; check the torque sensor or \
                      the motor current's scale and zero, and run a test"
                 ),
                 why: Why { quantity: Some(quantity), ..causes.why(Asked::Cause) },

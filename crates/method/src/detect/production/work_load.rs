@@ -25,14 +25,14 @@ pub(super) fn work_loads(causes: &[Option<LogCauses>], runs: &[(i64, Timestamp)]
             let ordinary = "nothing is wrong if this is the tool or the workpiece";
             let message = match seen {
                 true => format!(
-                    "in ordinary work the arm carries {:.2} kg {} than in its last test (standard error {:.3} kg), centre \
+                    "in production the arm carries {:.2} kg {} than in its last test (standard error {:.3} kg), centre \
                      at ({x:.3}, {y:.3}, {z:.3}) m of the last link; {ordinary}",
                     load.mass.abs(),
                     if load.mass > 0.0 { "more" } else { "less" },
                     load.std_error
                 ),
                 false => format!(
-                    "in ordinary work the torque differs from that of the last test as a body at the last link makes it; \
+                    "in production the torque differs from that of the last test as a body at the last link makes it; \
                      this motion does not show its mass; {ordinary}"
                 ),
             };

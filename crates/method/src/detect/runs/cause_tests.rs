@@ -331,7 +331,7 @@ fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
     };
     let found = only(&fleet(11, 6, worn), AnomalyKind::Drift, Some(3));
     assert!((7..=9).contains(&found.onset.run_id) && found.first_run_id <= 10, "{found:?}");
-    assert!(rejects(&found, "no change") && rejects(&found, "another warmth at the start"), "{found:?}");
+    assert!(rejects(&found, "no change") && rejects(&found, "another temperature at the start"), "{found:?}");
 }
 
 /// Returns true if an alarm has odds and lists `words` among its much less likely causes.
@@ -348,7 +348,7 @@ fn friction_that_is_higher_from_a_test_on_says_which_causes_were_rejected() {
     };
     let found = only(&fleet(12, 4, higher), AnomalyKind::Step, Some(3));
     assert_eq!((found.onset.run_id, found.onset.cycle), (9, None), "{found:?}");
-    assert!(rejects(&found, "no change") && rejects(&found, "another warmth at the start"), "{found:?}");
+    assert!(rejects(&found, "no change") && rejects(&found, "another temperature at the start"), "{found:?}");
 }
 
 #[test]

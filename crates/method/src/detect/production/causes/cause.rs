@@ -72,7 +72,7 @@ impl WorkCause {
     /// Description of the cause, in words that follow "rather than".
     pub(in crate::detect::production) fn words(&self) -> String {
         match self {
-            Self::None => "no change beside warmth".into(),
+            Self::None => "no change except temperature".into(),
             Self::Friction(joint, _) => format!("friction of joint {joint}"),
             Self::Gain(joint, part) => {
                 format!("a gain of {:+.1} % of the torque signal of joint {joint}", 100.0 * part)

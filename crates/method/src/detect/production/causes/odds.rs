@@ -89,10 +89,13 @@ mod tests {
         let (own, others) = told(Asked::Cause);
         let expected = (1.0 + weight(2.0)) / (weight(6.0) + weight(10.0));
         assert!((own / expected - 1.0).abs() < 1e-12, "{own} {expected}");
-        assert_eq!(others, ["no change beside warmth"]);
+        assert_eq!(others, ["no change except temperature"]);
         let (own, others) = told(Asked::Load);
         let expected = (1.0 + weight(6.0)) / (weight(2.0) + weight(10.0));
         assert!((own / expected - 1.0).abs() < 1e-12, "{own} {expected}");
-        assert_eq!(others, ["a gain of +9.0 % of the torque signal of joint 3", "no change beside warmth"]);
+        assert_eq!(
+            others,
+            ["a gain of +9.0 % of the torque signal of joint 3", "no change except temperature"]
+        );
     }
 }

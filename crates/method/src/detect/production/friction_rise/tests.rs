@@ -13,7 +13,7 @@ fn a_joint_that_wears_between_tests_is_named_and_the_next_test_takes_it_in() {
     assert_eq!((anomaly.joint.expect("one").number(), anomaly.severity), (3, Severity::Warning));
     // 0.4 × 0.25 is within the limit after the first log; 0.64 × 0.25 is not after the second
     assert_eq!((anomaly.first_run_id, anomaly.last_run_id, anomaly.ended), (17, 20, true));
-    assert!(anomaly.message.starts_with("joint 3: in ordinary work friction is"), "{}", anomaly.message);
+    assert!(anomaly.message.starts_with("joint 3: in production friction is"), "{}", anomaly.message);
 }
 
 #[test]

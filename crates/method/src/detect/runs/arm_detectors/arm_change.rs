@@ -209,7 +209,7 @@ fn of_noise_of_all(ratio: f64) -> ArmFigure {
         baseline: 1.0,
         message: format!(
             "the torque signals of most joints have {ratio:.1} times the usual noise on average; check what they share: the \
-             supply, the ground, cables beside power lines, the settings of the recording"
+             supply, the ground, cables next to power lines, the settings of the recording"
         ),
     }
 }
@@ -236,8 +236,8 @@ fn of_position(offset: f64) -> ArmFigure {
         value: offset,
         baseline: 0.0,
         message: format!(
-            "the position reads {:.4} rad (m) {} than in the first tests: gravity and inertia fit an arm that stands \
-             otherwise than it says; check the zero position (mastering) and the encoder's coupling",
+            "the position reads {:.4} rad (m) {} than in the first tests: gravity and inertia fit an arm in another \
+             position than it reports; check the zero position (mastering) and the encoder's coupling",
             offset.abs(),
             if offset > 0.0 { "more" } else { "less" }
         ),

@@ -88,7 +88,7 @@ pub(in crate::detect::runs) fn common_changes(
             baseline: 1.0,
             message: format!(
                 "friction of all joints has changed together by {:+.0} %, smoothed over the tests (in the latest test \
-                 {:+.0} to {:+.0} %), beyond what warmth explains; a much {} hall or another lubricant does that, wear \
+                 {:+.0} to {:+.0} %), beyond what temperature explains; a much {} room or another lubricant causes this, wear \
                  does not",
                 100.0 * change,
                 100.0 * least.exp_m1(),

@@ -222,7 +222,7 @@ fn contact(
     let figure = |(joint, peak): &(JointIndex, &Peak)| {
         let of =
             if alone { "this joint's torque".to_owned() } else { format!("the torque of joint {joint}") };
-        format!("{:.1} % of {of} ({:.1} % in the cycles beside it)", 100.0 * peak.value, 100.0 * peak.beside)
+        format!("{:.1} % of {of} ({:.1} % in the cycles next to it)", 100.0 * peak.value, 100.0 * peak.beside)
     };
     let figures: Vec<String> = with.iter().map(figure).collect();
     let link = with.iter().map(|(joint, _)| joint.number()).max().unwrap_or(first.number());

@@ -1,7 +1,7 @@
 //! Causes of the difference of a curve, and their likelihoods.
 //!
 //! The differences `d` of a run from the usual curve are compared with few-parameter patterns: nothing, a factor, an
-//! excess at the start, another time constant of the warm-up, a step at a cycle, one odd cycle, scatter from cycle to
+//! excess at the start, another time constant of the warm-up, a step at a cycle, one unusual cycle, scatter from cycle to
 //! cycle. All patterns include random effects. One is a part that all joints have in common (ambient temperature,
 //! lubricant), whose coefficient is near one. The others are a level and an excess at the start of the run itself, as
 //! large as in the joint's first runs. The criterion is the maximal likelihood with the price of the parameters
@@ -55,12 +55,12 @@ impl Cause {
         match self {
             Self::None => "no change".into(),
             Self::Scale(size) => format!("{:+.0} % friction in all cycles", 100.0 * size.exp_m1()),
-            Self::Start(_) => "another warmth at the start".into(),
+            Self::Start(_) => "another temperature at the start".into(),
             Self::TimeConstant(factor) => format!("a warm-up {factor:.1} times as slow"),
             Self::Step { cycle, size } => {
                 format!("a step of {:+.0} % with cycle {cycle}", 100.0 * size.exp_m1())
             }
-            Self::OddCycle { cycle, .. } => format!("one odd cycle, {cycle}"),
+            Self::OddCycle { cycle, .. } => format!("one unusual cycle, {cycle}"),
             Self::Scatter(size) => format!("scatter of {:.0} % from cycle to cycle", 100.0 * size),
             Self::Unknown => "a cause that is not known".into(),
         }

@@ -267,7 +267,7 @@ fn of_rise(rise: &Rise, observed: &Observed, baseline: f64, limit: f64) -> Verdi
         value: observed.measured_ratio() * baseline,
         baseline: rise.level * baseline,
         message: format!(
-            "friction at equal speed and warmth has risen by {size} % (limit {least} %) over {} tests, {:.2} % a test, from \
+            "friction at equal speed and temperature has risen by {size} % (limit {least} %) over {} tests, {:.2} % a test, from \
              a friction index of {:.3}; the rise is steadier than chance, while a single change needs {:.1} % of the \
              baseline to be a warning; latest test: friction index {:.3}, standard error {:.3}{}; check lubrication, \
              gearbox and brake",
@@ -291,7 +291,7 @@ fn message(change: f64, threshold: f64, observed: &Observed, friction: &Friction
         ("below", "a change of grease or a loose transmission lowers friction; check after maintenance")
     };
     let (what, why) = match (observed.source, friction.source) {
-        (Source::Index, _) => ("friction at equal speed and warmth", ""),
+        (Source::Index, _) => ("friction at equal speed and temperature", ""),
         (Source::Warm, _) => ("warm friction", ", as measured since the run has no friction index"),
         (Source::Excitation, Source::Index) => {
             ("friction identified from the excitation", ", since the run has no friction index")

@@ -14,7 +14,7 @@ impl UsualCurves {
     /// The cause of the curve of each joint of a run; `None` if it has too few cycles, or if the latest cycles are not
     /// enough evidence.
     ///
-    /// One odd cycle looks like scatter, and may be the first after a step. So scatter is a cause only if it is also
+    /// One unusual cycle looks like scatter, and may be the first after a step. So scatter is a cause only if it is also
     /// one without the latest cycle. It must also exceed the residual of a smooth curve: an unusual warm-up takes its
     /// full shape with the whole run.
     pub(in crate::detect::runs) fn causes_of_open(&self, open: &RunSummary) -> Vec<Option<RunCause>> {

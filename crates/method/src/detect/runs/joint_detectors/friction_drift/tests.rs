@@ -108,7 +108,7 @@ fn wear_in_the_index_says_so_and_uncertain_runs_have_less_of_a_say() {
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
     assert_eq!((anomaly.quantity, anomaly.baseline), (Quantity::FrictionIndex, 1.0));
     assert!((10..=13).contains(&anomaly.first_run_id), "{}", anomaly.first_run_id);
-    assert!(anomaly.message.contains("equal speed and warmth"), "{}", anomaly.message);
+    assert!(anomaly.message.contains("equal speed and temperature"), "{}", anomaly.message);
     let unsure = |i: usize| Some(if i < 14 { (wobble(i), 0.005) } else { (1.1, 0.08) });
     assert_eq!(
         detect(&with_index(history(16, |_| 12.0), unsure), &DetectSettings::default()).anomalies,

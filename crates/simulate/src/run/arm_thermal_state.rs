@@ -15,12 +15,12 @@ const POWER_MOST: f64 = 3.0;
 
 /// The gears of a run.
 #[derive(Debug, Clone)]
-pub(super) struct Warmth {
+pub(super) struct ArmThermalState {
     /// By work: usual friction power, W, and remaining coldness, of each joint.
     worked: Option<Vec<(f64, [f64; 2])>>,
 }
 
-impl Warmth {
+impl ArmThermalState {
     /// Creates the state at the first row of a run.
     pub fn new(recording: &Recording) -> Self {
         let of_joint = |(usual, friction): ([f64; 2], &crate::arm::friction::JointFriction)| {
@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn usual_work_warms_as_time_does_and_rest_cools_again() {
         let (by_time, by_work) = (recording(Heating::Time), recording(Heating::Work));
-        let (clock, mut worked) = (Warmth::new(&by_time), Warmth::new(&by_work));
+        let (clock, mut worked) = (ThermalState::new(&by_time), ThermalState::new(&by_work));
         let mut usual = [0.0; MAX_JOINTS];
         usual_losses(&by_work).iter().zip(&mut usual).for_each(|(of, usual)| *usual = of[1]);
         (0..3000).for_each(|_| worked.step(&by_work, 0.5, &usual));

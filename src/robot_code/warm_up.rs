@@ -95,14 +95,14 @@ mod tests {
     #[test]
     fn friction_at_a_minute_is_relative_to_that_of_the_cycles() {
         let joint = JointIndex::new(1);
-        let warmth = WarmUpCurves { fits: vec![fit(2.0, 1.0), fit(4.0, 2.0)], minutes: vec![0.0, 20.0] };
+        let warm_up = WarmUpCurves { fits: vec![fit(2.0, 1.0), fit(4.0, 2.0)], minutes: vec![0.0, 20.0] };
         // both levels have the same shape: 1 + 0.5 exp(-t / 20)
         let shape = |minute: f64| 1.0 + 0.5 * (-minute / 20.0).exp();
         let expected = shape(60.0) / (0.5 * (shape(0.0) + shape(20.0)));
-        let found = warmth.relative_friction(joint, 60.0).expect("a factor");
+        let found = warm_up.relative_friction(joint, 60.0).expect("a factor");
         assert!((found - expected).abs() < 1e-12, "{found} {expected}");
-        assert_eq!(warmth.relative_friction(JointIndex::new(0), 60.0), None);
-        assert_eq!((warmth.minutes(), warmth.last_minute()), (Some([0.0, 20.0]), Some(118.0)));
+        assert_eq!(warm_up.relative_friction(JointIndex::new(0), 60.0), None);
+        assert_eq!((warm_up.minutes(), warm_up.last_minute()), (Some([0.0, 20.0]), Some(118.0)));
         let backwards = WarmUpCurves { fits: vec![fit(2.0, -10.0)], minutes: vec![0.0] };
         assert_eq!(backwards.relative_friction(joint, 60.0), None);
     }
