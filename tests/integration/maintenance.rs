@@ -1,8 +1,6 @@
 //! `armwatch maintenance`: maintenance of a robot begins a new baseline, and a withdrawn entry leaves no trace in
 //! conclusions.
 
-use std::fs;
-
 use serde_json::Value;
 
 use crate::support::{Workshop, text};

@@ -82,8 +82,10 @@ impl Workshop {
     /// Sets the layout or the description (`key`) of all robots to a file of the folder.
     pub fn use_file(&self, key: &str, file: &str) {
         let own = format!("{key} = \"{file}\"");
-        let line = |line| if str::starts_with(line, key) { own.as_str() } else { line };
-        self.configure(|text| text.lines().map(line).collect::<Vec<_>>().join("\n") + "\n");
+        self.configure(|text| {
+            let line = |line: &str| if line.starts_with(key) { own.clone() } else { line.to_owned() };
+            text.lines().map(line).collect::<Vec<_>>().join("\n") + "\n"
+        });
     }
 
     /// Sets another shipped description, such as `scara`, for all robots.

@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn usual_work_warms_as_time_does_and_rest_cools_again() {
         let (by_time, by_work) = (recording(Heating::Time), recording(Heating::Work));
-        let (clock, mut worked) = (ThermalState::new(&by_time), ThermalState::new(&by_work));
+        let (clock, mut worked) = (ArmThermalState::new(&by_time), ArmThermalState::new(&by_work));
         let mut usual = [0.0; MAX_JOINTS];
         usual_losses(&by_work).iter().zip(&mut usual).for_each(|(of, usual)| *usual = of[1]);
         (0..3000).for_each(|_| worked.step(&by_work, 0.5, &usual));
