@@ -1,7 +1,5 @@
 //! Production logs: compared with the robot's tests, and not part of its history.
 
-use std::fs;
-
 use crate::canon::assert_sound;
 use crate::small::{self, Export, export, work};
 use crate::support::{Workshop, assert_alike};
