@@ -39,7 +39,7 @@ pub(super) struct RunsArgs {
     #[arg(long, value_name = "STATUS", value_parser = PossibleValuesParser::new(RunStatus::ALL.map(RunStatus::name)))]
     status: Option<String>,
     /// Show only tests, or only production logs
-    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new([RunKind::Test, RunKind::Production].map(RunKind::name)))]
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(RunKind::ALL.map(RunKind::name)))]
     kind: Option<String>,
     /// Show at most this many
     #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]

@@ -17,27 +17,20 @@ armwatch_model::named_enum! {
     }
 }
 
-/// A disk that the daemon writes to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Disk {
-    /// The disk of the database.
-    Database,
-    /// The disk of the copy for readers.
-    Snapshot,
-    /// The disk of uploads.
-    Spool,
+armwatch_model::named_enum! {
+    /// A disk that the daemon writes to.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Disk {
+        /// The disk of the database.
+        Database = "database",
+        /// The disk of the copy for readers.
+        Snapshot = "snapshot",
+        /// The disk of uploads.
+        Spool = "spool",
+    }
 }
 
 impl Disk {
-    /// Its name in the metrics.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Database => "database",
-            Self::Snapshot => "snapshot",
-            Self::Spool => "spool",
-        }
-    }
-
     /// Its content, in messages.
     pub const fn words(self) -> &'static str {
         match self {

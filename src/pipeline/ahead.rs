@@ -14,7 +14,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::AbortOnDropHandle;
 
-use super::context::{Lane, Outcome, Pipeline, PipelineError, Progress, Retry};
+use super::context::{Lane, OnProgress, Outcome, Pipeline, PipelineError, Progress, Retry};
 use super::cycle_memory::RecordingTurn;
 use super::production;
 use super::streaming::{Streaming, cycles_in_analysis};
@@ -257,7 +257,7 @@ impl Pipeline {
         path: &Path,
         ahead: ReadAhead,
         retry: Retry,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Result<Outcome, Option<ReadAhead>>, PipelineError> {
         let state = ahead.state;
         let is_as_read = || intake::source_state(path) == Some(state);
@@ -302,7 +302,7 @@ impl Pipeline {
         &self,
         export: &AdmittedExport,
         (ahead, state): (ReadAhead, SourceState),
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Result<Outcome, Option<ReadAhead>>, PipelineError> {
         let is_as_read = || intake::source_state(&export.path) == Some(state);
         progress(Progress::Begun);

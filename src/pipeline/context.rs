@@ -170,6 +170,11 @@ impl Outcome {
     }
 }
 
+/// Receives the progress of an export; several tasks call it.
+pub trait OnProgress: Fn(Progress) + Send + Sync + Clone + 'static {}
+
+impl<T: Fn(Progress) + Send + Sync + Clone + 'static> OnProgress for T {}
+
 /// Progress of an export, for progress bars.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {

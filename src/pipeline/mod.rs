@@ -26,7 +26,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 
 use ahead::ReadAhead;
-use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
+use context::{Lane, OnProgress, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
 use cycle_memory::CycleMemory;
 use jiff::Timestamp;
 use streaming::{Streaming, analysis_threads};
@@ -139,7 +139,7 @@ impl Pipeline {
         path: &Path,
         retry: Retry,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         self.process_reading(path, AheadReading::NotBegun, retry, stop, progress).await
     }
@@ -154,7 +154,7 @@ impl Pipeline {
         ahead: Option<ReadAhead>,
         retry: Retry,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         self.process_reading(path, AheadReading::Begun(ahead), retry, stop, progress).await
     }
@@ -165,7 +165,7 @@ impl Pipeline {
         reading: AheadReading,
         retry: Retry,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         let name = take::intake::ledger_path(&self.store, path);
         let state = take::intake::source_state(path);
@@ -210,7 +210,7 @@ impl Pipeline {
         reading: AheadReading,
         retry: Retry,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         let is_spent = match &reading {
             // counted before it was read ahead
@@ -257,7 +257,7 @@ impl Pipeline {
         ahead: Option<ReadAhead>,
         retry: Retry,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         let ahead = match ahead {
             Some(ahead) => match self.take_unhashed(path, ahead, retry, progress.clone()).await? {
@@ -286,7 +286,7 @@ impl Pipeline {
         intake: &AdmittedExport,
         ahead: Option<ReadAhead>,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         let reason = match self.take_admitted(intake, ahead, stop, progress).await {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
@@ -310,7 +310,7 @@ impl Pipeline {
         intake: &AdmittedExport,
         ahead: Option<ReadAhead>,
         stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Outcome, PipelineError> {
         let ahead = ahead.filter(|ahead| ahead.is_of(intake));
         let made = ahead.as_ref().map(|ahead| Arc::clone(&ahead.method));

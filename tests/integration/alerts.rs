@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 
-use crate::support::{Workshop, text};
+use crate::support::Workshop;
 
 /// Tests of one arm whose joint 3 wears from the fifth test on.
 fn wearing(workshop: &Workshop, runs: &str) -> Vec<PathBuf> {
@@ -27,9 +27,7 @@ fn json(text: &str) -> Value {
 
 /// Standard error of a command that is refused because of its arguments.
 fn refused(workshop: &Workshop, arguments: &[&str]) -> String {
-    let output = workshop.run(arguments);
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stdout));
-    text(&output.stderr)
+    workshop.stderr(arguments, 2)
 }
 
 /// History of the anomaly of joint 3, in order.
@@ -154,9 +152,7 @@ fn a_command_that_changes_what_is_stored_makes_no_database() {
         &["prune"],
     ];
     for command in commands {
-        let output = workshop.run(&[command, &["--db", "gone/fleet.db"]].concat());
-        assert_eq!(output.status.code(), Some(74), "{command:?}: {}", text(&output.stdout));
-        let said = text(&output.stderr);
+        let said = workshop.stderr(&[command, &["--db", "gone/fleet.db"]].concat(), 74);
         assert!(said.contains("there is no database gone/fleet.db"), "{command:?}: {said}");
         assert!(!workshop.path("gone").exists(), "{command:?}");
     }

@@ -53,9 +53,7 @@ fn a_second_daemon_that_serves_is_told_of_the_first_and_not_of_its_port() {
     workshop.configure(|config| format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n\n{config}"));
     let first = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "serving HTTP") == 1);
-    let second = workshop.run(&["run"]);
-    assert_eq!(second.status.code(), Some(74));
-    let message = text(&second.stderr);
+    let message = workshop.stderr(&["run"], 74);
     let first_one = format!("another armwatch daemon (process {})", first.child.id());
     assert!(message.contains(&first_one) && !message.contains("serve.listen"), "{message}");
     first.stop();
@@ -102,9 +100,8 @@ fn what_run_would_refuse_is_found_by_config_check() {
         let found = text(&check.stdout);
         assert_eq!(check.status.code(), Some(2), "{case}: {found}");
         assert!(found.contains(says), "{case}: {found}");
-        let run = workshop.run(&["run"]);
-        assert_eq!(run.status.code(), Some(2), "{case}: {}", text(&run.stderr));
-        assert!(text(&run.stderr).contains(says), "{case}: {}", text(&run.stderr));
+        let run = workshop.stderr(&["run"], 2);
+        assert!(run.contains(says), "{case}: {run}");
     }
 }
 

@@ -105,9 +105,7 @@ fn a_second_daemon_on_the_database_is_refused_and_the_first_goes_on() {
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
     // the claim is made shortly after the schema
     workshop.wait_for_a_look();
-    let second = workshop.run(&["run"]);
-    assert_eq!(second.status.code(), Some(74));
-    let said = crate::support::text(&second.stderr);
+    let said = workshop.stderr(&["run"], 74);
     let first_one = format!("another armwatch daemon (process {})", first.child.id());
     assert!(said.contains(&first_one) && said.contains("armwatch.db"), "{said}");
     workshop.add_reference("inbox");

@@ -372,9 +372,7 @@ fn what_cannot_be_meant_is_said_before_anything_is_written() {
         (&["--csv", "out", "--db", "typo.db"], 74, "there is no database typo.db"),
     ];
     for (arguments, code, words) in cases {
-        let output = workshop.run(&[&["export"], arguments].concat());
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        let said = workshop.stderr(&[&["export"], arguments].concat(), code);
         assert!(said.contains(words), "{arguments:?}: {said}");
         assert!(!workshop.path("out").exists() && !workshop.path("typo.db").exists(), "{arguments:?}");
     }
@@ -387,9 +385,7 @@ fn only_exports_of_the_same_view_are_replaced() {
     let notes = workshop.path("out/runs.csv");
     fs::write(&notes, "run_id,robot,what I think of it\n").expect("a file of somebody");
     for arguments in [&["export", "--csv", "out"][..], &["export", "runs", "-o", "out/runs.csv"]] {
-        let refused = workshop.run(arguments);
-        let said = text(&refused.stderr);
-        assert_eq!(refused.status.code(), Some(2), "{said}");
+        let said = workshop.stderr(arguments, 2);
         assert!(said.contains("out/runs.csv exists and is not an export of the view runs"), "{said}");
         assert_eq!(files(&workshop.path("out")), ["runs.csv"], "nothing else is written");
     }
@@ -425,9 +421,7 @@ fn what_cannot_be_written_is_named() {
         (&["--csv", "there"], "there/runs.csv: it is a folder"),
     ];
     for (arguments, words) in cases {
-        let output = workshop.run(&[&["export"], arguments].concat());
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(74), "{arguments:?}: {said}");
+        let said = workshop.stderr(&[&["export"], arguments].concat(), 74);
         assert!(said.contains(words), "{arguments:?}: {said}");
     }
     assert_eq!(files(&workshop.path("there")), ["runs.csv"]);
@@ -456,9 +450,8 @@ fn a_killed_export_leaves_no_half_file() {
         file.is_some_and(|mut file| read_metadata(&mut file).is_ok())
     };
     wait_until(|| whole(&last) || half.try_wait().expect("a child").is_some(), || "no half export".into());
-    let other = workshop.run(&["export", "runs", "--parquet", "out"]);
-    assert_eq!(other.status.code(), Some(74), "{}", text(&other.stderr));
-    assert!(text(&other.stderr).contains("out/runs.parquet is being written by another export"));
+    let other = workshop.stderr(&["export", "runs", "--parquet", "out"], 74);
+    assert!(other.contains("out/runs.parquet is being written by another export"));
     half.kill().expect("killed");
     half.wait().expect("an end");
 
@@ -513,9 +506,8 @@ fn the_schema_is_told_without_a_database() {
         "{index}"
     );
     assert!(index.lines().all(|line| line.chars().count() <= 110), "{index}");
-    let unknown = workshop.run(&["sql", "--schema", "friction_indices"]);
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("'friction_index'"), "{}", text(&unknown.stderr));
+    let unknown = workshop.stderr(&["sql", "--schema", "friction_indices"], 2);
+    assert!(unknown.contains("'friction_index'"), "{unknown}");
     assert!(!workshop.path("armwatch.db").exists());
 
     workshop.stdout(&["ingest", "inbox"], 0);

@@ -14,9 +14,7 @@ const RUNS: &str = "SELECT source_name, kind, status FROM runs ORDER BY run_id";
 fn take(workshop: &Workshop, export: &Export) -> String {
     workshop.add(&export);
     let file = workshop.inbox(&export.name).display().to_string();
-    let output = workshop.run(&["ingest", &file]);
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    text(&output.stderr)
+    workshop.stderr(&["ingest", &file], 0)
 }
 
 fn execute(workshop: &Workshop, sql: &str) {

@@ -104,9 +104,7 @@ fn a_second_daemon_is_refused_under_every_name_of_the_database() {
     symlink(workshop.path(""), workshop.path("folder")).expect("a link");
     for name in ["armwatch.db", "sub/../armwatch.db", "sub/symbolic.db", "folder/armwatch.db", "sub/hard.db"]
     {
-        let output = workshop.run(&["run", "--db", name]);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(74), "{name}: {said}");
+        let said = workshop.stderr(&["run", "--db", name], 74);
         assert!(said.contains("another armwatch daemon"), "{name}: {said}");
     }
     daemon.stop();
@@ -160,9 +158,7 @@ fn an_address_is_never_the_name_of_a_file() {
         ("mysql://armwatch:secret@db/fleet", 2, "an address of mysql"),
         ("Oracle://armwatch:secret@db/fleet", 2, "an address of Oracle"),
     ] {
-        let output = workshop.run(&["ingest", "inbox", "--db", database]);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{database}: {said}");
+        let said = workshop.stderr(&["ingest", "inbox", "--db", database], code);
         assert!(said.contains(says) && !said.contains("secret"), "{database}: {said}");
     }
     workshop.configure(|config| format!("database = \"mysql://a:secret@db/fleet\"\n{config}"));

@@ -74,9 +74,7 @@ fn one_shot_ingestion_concludes_the_others_and_says_which_it_could_not() {
     poison(&workshop);
     put(&workshop, "A", "11");
     put(&workshop, "B", "12");
-    let output = workshop.run(&["ingest", "inbox"]);
-    assert_eq!(output.status.code(), Some(70));
-    let said = crate::support::text(&output.stderr);
+    let said = workshop.stderr(&["ingest", "inbox"], 70);
     assert!(said.contains("A: no new conclusion") && said.contains("poisoned"), "{said}");
     assert_eq!(workshop.number(OF_B), 1);
 }

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::bad_input::decompressed;
-use crate::support::{REFERENCE_NAME, Workshop, query, reference, text};
+use crate::support::{REFERENCE_NAME, Workshop, query, reference};
 
 /// Degrees are written with twelve decimals; the identification multiplies their rounding by its condition
 /// number.
@@ -147,9 +147,8 @@ fn proposals_for_what_is_shipped_load_and_ask_what_only_people_know() {
     for (file, said) in
         [("empty.csv", "empty.csv"), ("binary.csv", "binary.csv"), ("none.csv", "there is no such file")]
     {
-        let refused = workshop.run(&["layout", "infer", file]);
-        assert_eq!(refused.status.code(), Some(2), "{file}");
-        assert!(text(&refused.stderr).contains(said), "{}", text(&refused.stderr));
+        let refused = workshop.stderr(&["layout", "infer", file], 2);
+        assert!(refused.contains(said), "{refused}");
     }
 }
 
@@ -178,9 +177,8 @@ fn a_layout_is_written_whole_and_needs_none_that_exists() {
     fs::write(workshop.path("own.db"), "SQLite format 3\0").expect("a database");
     workshop.stdout(&[&infer[..], &["--force"]].concat(), 0);
     for (target, said) in [(export.as_str(), "not written to"), ("own.db", "not replaced")] {
-        let refused = workshop.run(&["layout", "infer", &export, "-o", target, "--force"]);
-        assert_eq!(refused.status.code(), Some(2), "{target}");
-        assert!(text(&refused.stderr).contains(said), "{}", text(&refused.stderr));
+        let refused = workshop.stderr(&["layout", "infer", &export, "-o", target, "--force"], 2);
+        assert!(refused.contains(said), "{refused}");
     }
     assert_eq!(fs::read(workshop.path(&export)).expect("the export"), before);
     assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("a layout"), first);

@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use crate::support::{Workshop, text};
+use crate::support::Workshop;
 
 /// Full tests of a robot, with baselines of two tests.
 fn tested() -> Workshop {
@@ -39,13 +39,8 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
     assert_eq!(baselines(&workshop, 3), ["0 first_test 1,2", "1 maintenance 4,5"]);
     assert_eq!(baselines(&workshop, 2), ["0 first_test 1,2"]);
     assert_eq!(workshop.query("SELECT history - concluded FROM robot"), ["0"]);
-    let again = workshop.run(&work);
-    assert_eq!(again.status.code(), Some(2));
-    assert!(
-        text(&again.stderr).contains("already entered, as number 1: Left, joint 3, "),
-        "{}",
-        text(&again.stderr)
-    );
+    let again = workshop.stderr(&work, 2);
+    assert!(again.contains("already entered, as number 1: Left, joint 3, "), "{again}");
     let listed: Value =
         serde_json::from_str(&workshop.stdout(&["maintenance", "--list", "Left", "--json"], 0))
             .expect("JSON");
@@ -117,9 +112,8 @@ fn what_cannot_be_entered_is_told_with_its_remedy() {
         (&["maintenance", robot], "--what"),
     ];
     for (arguments, said) in refused {
-        let output = workshop.run(arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(text(&output.stderr).contains(said), "{arguments:?}: {}", text(&output.stderr));
+        let output = workshop.stderr(arguments, 2);
+        assert!(output.contains(said), "{arguments:?}: {output}");
     }
     assert_eq!(workshop.number("SELECT count(*) FROM maintenance_log"), 0);
 }

@@ -326,12 +326,7 @@ fn many_kills_of_daemon_and_server_change_nothing() {
 fn what_a_server_refuses_is_told_in_plain_words() {
     let Some(server) = Server::start() else { return };
     let workshop = small::workshop();
-    let told = |arguments: &[&str], code: i32| {
-        let output = workshop.run(arguments);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        said
-    };
+    let told = |arguments: &[&str], code: i32| workshop.stderr(arguments, code);
     let fleet = server.fleet();
     assert!(told(&["runs", "--db", &fleet], 74).contains("there is no database postgres:///fleet"));
     workshop.stdout(&["ingest", "inbox", "--db", &fleet], 0);
@@ -522,9 +517,7 @@ fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
     server.sql("CREATE DATABASE closed");
     server.sql_in("closed", "CREATE SCHEMA armwatch; GRANT USAGE ON SCHEMA armwatch TO plant");
     let closed = server.fleet().replace("/fleet?", "/closed?").replace("user=armwatch", "user=plant");
-    let output = workshop.run(&["ingest", "inbox", "--db", &closed]);
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(74), "{said}");
+    let said = workshop.stderr(&["ingest", "inbox", "--db", &closed], 74);
     assert!(said.contains("permission denied") && said.contains("may create in"), "{said}");
 }
 

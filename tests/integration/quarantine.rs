@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::api::Served;
 use crate::bad_input::decompressed;
 use crate::small::export;
-use crate::support::{Workshop, text};
+use crate::support::Workshop;
 
 const NAME: &str = "R00_20260105_0847.csv";
 const OPEN: &str = "SELECT count(*) FROM quarantine WHERE state = 'open'";
@@ -46,9 +46,8 @@ fn nothing_quarantined_is_said_so() {
     assert_eq!(workshop.stdout(&["quarantine", "list"], 0), "nothing is quarantined\n");
     assert_eq!(workshop.stdout(&["quarantine", "list", "--json"], 0), "");
     assert_eq!(workshop.stdout(&["quarantine", "retry", "--all"], 0), "nothing is quarantined\n");
-    let unknown = workshop.run(&["quarantine", "explain", "7"]);
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("quarantine list --all"), "{}", text(&unknown.stderr));
+    let unknown = workshop.stderr(&["quarantine", "explain", "7"], 2);
+    assert!(unknown.contains("quarantine list --all"), "{unknown}");
 }
 
 #[test]
@@ -87,9 +86,8 @@ fn a_fault_is_told_with_its_place_and_a_corrected_export_settles_it() {
         ["superseded|superseded by run 2: the export was corrected|2", "complete||"]
     );
     assert_eq!(workshop.query("SELECT state, value FROM quarantine"), ["superseded|#NV"]);
-    let settled = workshop.run(&["quarantine", "retry", "1"]);
-    assert_eq!(settled.status.code(), Some(2));
-    assert!(text(&settled.stderr).contains("superseded by run 2"), "{}", text(&settled.stderr));
+    let settled = workshop.stderr(&["quarantine", "retry", "1"], 2);
+    assert!(settled.contains("superseded by run 2"), "{settled}");
 }
 
 #[test]
@@ -177,9 +175,8 @@ fn what_is_no_export_is_dismissed_with_a_reason_and_a_retry_brings_it_back() {
         (listed["state"].as_str(), listed["dismissed_by"].as_str()),
         (Some("dismissed"), Some("mueller"))
     );
-    let twice = workshop.run(&dismiss);
-    assert_eq!(twice.status.code(), Some(2));
-    assert!(text(&twice.stderr).contains("by mueller: a list of parts"), "{}", text(&twice.stderr));
+    let twice = workshop.stderr(&dismiss, 2);
+    assert!(twice.contains("by mueller: a list of parts"), "{twice}");
 
     // neither the daemon nor the overview of the fleet counts it
     let daemon = workshop.daemon();

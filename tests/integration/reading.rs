@@ -102,9 +102,7 @@ fn a_user_who_may_not_write_can_ask_while_the_daemon_runs_and_when_it_does_not()
 fn nothing_is_made_or_brought_up_to_date_by_reading() {
     let workshop = stored();
     for arguments in READING.iter().filter(|of| of[0] != "calibrate") {
-        let missing = workshop.run(&[arguments, &["--db", "typo.db"][..]].concat());
-        let said = text(&missing.stderr);
-        assert_eq!(missing.status.code(), Some(74), "armwatch {arguments:?}\n{said}");
+        let said = workshop.stderr(&[arguments, &["--db", "typo.db"][..]].concat(), 74);
         assert!(said.contains("there is no database typo.db"), "{said}");
         assert!(!workshop.path("typo.db").exists(), "armwatch {arguments:?}");
     }
@@ -115,9 +113,7 @@ fn nothing_is_made_or_brought_up_to_date_by_reading() {
     small_change(&older, "UPDATE schema_version SET version = 50");
     let before = fs::read(&older).expect("the file");
     for arguments in READING {
-        let refused = workshop.run(&[arguments, &["--db", "older.db"][..]].concat());
-        let said = text(&refused.stderr);
-        assert_eq!(refused.status.code(), Some(74), "armwatch {arguments:?}\n{said}");
+        let said = workshop.stderr(&[arguments, &["--db", "older.db"][..]].concat(), 74);
         assert!(said.contains("upgrade it"), "{said}");
     }
     assert!(fs::read(&older).expect("the file") == before);
@@ -164,9 +160,8 @@ fn a_snapshot_says_what_the_database_says_and_needs_no_other_file() {
         assert!(fs::read(&other).expect("it") == before);
     }
     for arguments in [&["ingest", "inbox"][..], &["maintenance", "A", "--what", "grease"]] {
-        let refused = workshop.run(&[arguments, &["--db", "out/copy.db"]].concat());
-        assert_eq!(refused.status.code(), Some(74), "{}", text(&refused.stderr));
-        assert!(text(&refused.stderr).contains("is a snapshot"), "{}", text(&refused.stderr));
+        let refused = workshop.stderr(&[arguments, &["--db", "out/copy.db"]].concat(), 74);
+        assert!(refused.contains("is a snapshot"), "{refused}");
     }
     workshop.stdout(&["snapshot", "out/copy.db"], 0);
 
@@ -263,9 +258,8 @@ fn lists_and_answers_come_as_table_csv_and_json() {
         ("CREATE TABLE x (y)", "reading only"),
         ("SELEC", "syntax error"),
     ] {
-        let refused = workshop.run(&["sql", statement]);
-        assert_eq!(refused.status.code(), Some(2), "{statement}: {}", text(&refused.stderr));
-        assert!(text(&refused.stderr).contains(said), "{statement}: {}", text(&refused.stderr));
+        let refused = workshop.stderr(&["sql", statement], 2);
+        assert!(refused.contains(said), "{statement}: {refused}");
     }
 }
 
@@ -310,13 +304,11 @@ fn a_question_in_sql_is_one_statement_that_reads() {
         (" -- nothing\n;", "there is no statement"),
         ("SELECT ?", "write :NAME"),
     ] {
-        let refused = workshop.run(&["sql", statement]);
-        assert_eq!(refused.status.code(), Some(2), "{statement}");
-        assert!(text(&refused.stderr).contains(said), "{statement}: {}", text(&refused.stderr));
+        let refused = workshop.stderr(&["sql", statement], 2);
+        assert!(refused.contains(said), "{statement}: {refused}");
     }
-    let unknown = workshop.run(&["sql", "SELECT :robot", "--param", "robot=A", "--param", "joint=1"]);
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("no parameter joint: it has :robot"), "{}", text(&unknown.stderr));
+    let unknown = workshop.stderr(&["sql", "SELECT :robot", "--param", "robot=A", "--param", "joint=1"], 2);
+    assert!(unknown.contains("no parameter joint: it has :robot"), "{unknown}");
     let wrong = workshop.run(&["sql", "SELECT :robot", "--param", "robot"]);
     assert!(text(&wrong.stderr).contains("NAME=VALUE"), "{}", text(&wrong.stderr));
     assert_eq!(files(), before);
@@ -332,15 +324,13 @@ fn parameters_of_a_statement_have_their_values_from_the_command_line() {
         let asked = [&asked[..1], &given, &asked[1..]].concat();
         assert_eq!(workshop.stdout(&asked, 0).trim(), r#"{"run_id":2}"#);
     }
-    let missing = workshop.run(&["sql", "--file", "nowhere.sql"]);
-    assert_eq!(missing.status.code(), Some(74));
-    assert!(text(&missing.stderr).contains("nowhere.sql"), "{}", text(&missing.stderr));
+    let missing = workshop.stderr(&["sql", "--file", "nowhere.sql"], 74);
+    assert!(missing.contains("nowhere.sql"), "{missing}");
 
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("dashboards/open_anomalies.sql");
     let shipped = shipped.to_str().expect("text");
-    let asked = workshop.run(&["sql", "--file", shipped]);
-    assert_eq!(asked.status.code(), Some(0));
-    assert!(text(&asked.stderr).contains("NULL, because no --param"), "{}", text(&asked.stderr));
+    let asked = workshop.stderr(&["sql", "--file", shipped], 0);
+    assert!(asked.contains("NULL, because no --param"), "{asked}");
     let all = [
         "sql",
         "--file",
@@ -364,12 +354,7 @@ fn parameters_of_a_statement_have_their_values_from_the_command_line() {
 #[test]
 fn what_is_not_there_is_told_with_what_there_is() {
     let workshop = stored();
-    let told = |arguments: &[&str], code: i32| {
-        let refused = workshop.run(arguments);
-        let said = text(&refused.stderr);
-        assert_eq!(refused.status.code(), Some(code), "armwatch {arguments:?}\n{said}");
-        said
-    };
+    let told = |arguments: &[&str], code: i32| workshop.stderr(arguments, code);
     let said = told(&["identify", "--run", "1", "--cycles", "2-24"], 2);
     assert!(said.contains("run 1 has no cycle 4; it has cycles 1-3"), "{said}");
     let said = told(&["identify", "--run", "99"], 2);
@@ -408,9 +393,7 @@ fn a_damaged_database_is_named_by_its_backup() {
     let mut bytes = fs::read(&path).expect("the database");
     bytes[(root - 1) * page..root * page].fill(0xff);
     fs::write(&path, bytes).expect("written");
-    let refused = workshop.run(&["backup", "out.db"]);
-    let said = text(&refused.stderr);
-    assert_eq!(refused.status.code(), Some(74), "{said}");
+    let said = workshop.stderr(&["backup", "out.db"], 74);
     assert!(said.contains("armwatch.db is damaged") && said.contains("restore a copy"), "{said}");
     assert!(!said.contains("out.db"), "{said}");
     assert!(!workshop.path("out.db").exists());

@@ -185,11 +185,7 @@ fn a_pdf_is_printed_where_there_is_a_browser(workshop: &Workshop) {
 #[test]
 fn what_is_not_there_is_said_with_what_is_near() {
     let workshop = small::workshop();
-    let refused = |arguments: &[&str], code: i32| {
-        let output = workshop.run(arguments);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", text(&output.stderr));
-        text(&output.stderr)
-    };
+    let refused = |arguments: &[&str], code: i32| workshop.stderr(arguments, code);
     assert!(refused(&["report", "A", "-o", "a.html"], 74).contains("there is no database"));
     assert!(!workshop.path("armwatch.db").exists(), "a report makes no database");
     workshop.stdout(&["ingest", "inbox"], 0);

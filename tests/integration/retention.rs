@@ -100,9 +100,8 @@ fn windows_of_a_log_come_to_have_one_factor_and_the_log_verifies_as_before() {
         ),
         (&["verify", "--parameters", "1", "--against", "2", "--store"], "omit --store"),
     ] {
-        let refused = workshop.run(arguments);
-        assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {}", text(&refused.stderr));
-        assert!(text(&refused.stderr).contains(said), "{arguments:?}: {}", text(&refused.stderr));
+        let refused = workshop.stderr(arguments, 2);
+        assert!(refused.contains(said), "{arguments:?}: {refused}");
     }
     workshop.stdout(&["identify", "--run", "1"], 0);
     workshop.stdout(&["torque", "--run", "2", "--cycle", "1"], 0);
@@ -134,9 +133,8 @@ fn what_is_no_age_and_no_database_is_refused() {
     let workshop = Workshop::new();
     let refused = workshop.run(&["prune", "--older-than", "-3"]);
     assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
-    let refused = workshop.run(&["prune"]);
-    assert_eq!(refused.status.code(), Some(74), "{}", text(&refused.stderr));
-    assert!(text(&refused.stderr).contains("there is no database"), "{}", text(&refused.stderr));
+    let refused = workshop.stderr(&["prune"], 74);
+    assert!(refused.contains("there is no database"), "{refused}");
     assert!(!workshop.path("armwatch.db").exists());
 }
 
@@ -261,9 +259,8 @@ fn a_backup_is_the_whole_database_and_takes_the_place_of_a_backup_only() {
     // other files are not overwritten
     fs::write(workshop.path("notes.txt"), "not a database").expect("written");
     for other in ["notes.txt", "armwatch.db", "inbox"] {
-        let refused = workshop.run(&["backup", other]);
-        assert_eq!(refused.status.code(), Some(2), "{other}: {}", text(&refused.stderr));
-        assert!(text(&refused.stderr).contains("is not changed"), "{}", text(&refused.stderr));
+        let refused = workshop.stderr(&["backup", other], 2);
+        assert!(refused.contains("is not changed"), "{refused}");
     }
     assert_eq!(fs::read(workshop.path("notes.txt")).expect("it"), b"not a database");
     let daemon = workshop.daemon();

@@ -3,16 +3,14 @@
 use std::fs;
 use std::path::Path;
 
-use crate::support::{Workshop, text};
+use crate::support::Workshop;
 
 /// An export of a few seconds.
 const SHORT: [&str; 8] = ["simulate", "-o", "made", "--cycles", "1", "--warming-s", "0", "--levels=none"];
 
 /// Runs the simulator and returns its standard error.
 fn said(workshop: &Workshop, more: &[&str], code: i32) -> String {
-    let output = workshop.run(&[&SHORT[..], more].concat());
-    assert_eq!(output.status.code(), Some(code), "{more:?}: {}", text(&output.stderr));
-    text(&output.stderr)
+    workshop.stderr(&[&SHORT[..], more].concat(), code)
 }
 
 fn files(folder: &Path) -> Vec<String> {
@@ -95,9 +93,7 @@ fn where_nothing_can_be_written_a_remedy_is_said() {
     for arguments in
         [&["man", "file/pages"][..], &["config", "init", "file/config"], &["simulate", "-o", "file/exports"]]
     {
-        let output = workshop.run(arguments);
-        let refused = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(74), "{arguments:?}: {refused}");
+        let refused = workshop.stderr(arguments, 74);
         assert!(refused.contains("cannot write file/"), "{refused}");
         assert!(refused.contains("; there is a file instead of a folder; name another folder"), "{refused}");
     }

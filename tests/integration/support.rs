@@ -83,8 +83,8 @@ impl Workshop {
     pub fn use_file(&self, key: &str, file: &str) {
         let own = format!("{key} = \"{file}\"");
         self.configure(|text| {
-            let line = |line: &str| if line.starts_with(key) { own.clone() } else { line.to_owned() };
-            text.lines().map(line).collect::<Vec<_>>().join("\n") + "\n"
+            let lines = text.lines().map(|line| if line.starts_with(key) { &own } else { line });
+            lines.collect::<Vec<_>>().join("\n") + "\n"
         });
     }
 
@@ -146,10 +146,19 @@ impl Workshop {
 
     /// Runs and returns standard output, with exit status `code` asserted.
     pub fn stdout(&self, arguments: &[&str], code: i32) -> String {
+        self.said(arguments, code)[0].clone()
+    }
+
+    /// Runs and returns standard error, with exit status `code` asserted.
+    pub fn stderr(&self, arguments: &[&str], code: i32) -> String {
+        self.said(arguments, code)[1].clone()
+    }
+
+    fn said(&self, arguments: &[&str], code: i32) -> [String; 2] {
         let output = self.run(arguments);
-        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        let [out, err] = [text(&output.stdout), text(&output.stderr)];
         assert_eq!(output.status.code(), Some(code), "armwatch {arguments:?}\n{out}\n{err}");
-        out
+        [out, err]
     }
 
     /// Writes exports with the simulator.

@@ -131,9 +131,8 @@ fn so_do_those_of_a_motor_side_recording_and_of_foreign_parameters() {
     let out = workshop.stdout(&["torque", "--run", "1", "--cycle", "1", "--config", config], 0);
     assert_eq!(assert_stored_rmsd(&workshop, &rows(&out), "verification = 'self'"), 48);
     // another configuration describes another arm
-    let output = workshop.run(&["torque", "--run", "1", "--cycle", "1"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("another description"), "{}", text(&output.stderr));
+    let output = workshop.stderr(&["torque", "--run", "1", "--cycle", "1"], 2);
+    assert!(output.contains("another description"), "{output}");
 
     let workshop = Workshop::new();
     workshop.simulate("inbox", &["--runs", "2", "--cycles", "2", "--warming-s", "5"]);
@@ -196,9 +195,7 @@ fn an_export_is_found_again_or_asked_for_but_never_mistaken() {
     let (taken, moved) = (workshop.path("exports").join(REFERENCE_NAME), workshop.path("moved.csv.gz"));
     std::fs::rename(&taken, &moved).expect("moved");
 
-    let output = workshop.run(&asked);
-    assert_eq!(output.status.code(), Some(74));
-    let said = text(&output.stderr);
+    let said = workshop.stderr(&asked, 74);
     assert!(said.contains("--source FILE") && said.contains(REFERENCE_NAME), "{said}");
     assert_eq!(workshop.stdout(&[&asked[..], &["--source", "moved.csv.gz"]].concat(), 0), expected);
 
@@ -211,9 +208,8 @@ fn an_export_is_found_again_or_asked_for_but_never_mistaken() {
     let plain = crate::bad_input::decompressed();
     std::fs::write(&taken, plain.replacen("0.1", "0.2", 1)).expect("written");
     for more in [&[][..], &["--source", taken.to_str().expect("a path")]] {
-        let output = workshop.run(&[&asked[..], more].concat());
-        assert_eq!(output.status.code(), Some(74));
-        assert!(text(&output.stderr).contains("has other content"), "{}", text(&output.stderr));
+        let output = workshop.stderr(&[&asked[..], more].concat(), 74);
+        assert!(output.contains("has other content"), "{output}");
     }
     std::fs::rename(&moved, &taken).expect("moved back");
     assert_eq!(workshop.stdout(&asked, 0), expected);
@@ -239,27 +235,23 @@ fn what_there_is_nothing_of_is_said() {
             "none.csv: there is no such file",
         ),
     ] {
-        let output = workshop.run(arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
-        assert!(text(&output.stderr).contains(said), "{arguments:?}: {}", text(&output.stderr));
+        let output = workshop.stderr(arguments, 2);
+        assert!(output.contains(said), "{arguments:?}: {output}");
     }
-    let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", "nowhere/a.csv"]);
-    assert_eq!(output.status.code(), Some(74));
-    assert!(text(&output.stderr).contains("in an existing folder"), "{}", text(&output.stderr));
+    let output = workshop.stderr(&["torque", "--run", "1", "--cycle", "1", "-o", "nowhere/a.csv"], 74);
+    assert!(output.contains("in an existing folder"), "{output}");
     on_a_full_disk_the_remedy_is_room(&workshop);
 
     // the export is not overwritten, whatever name is used for it
     let export = format!("exports/../exports/{REFERENCE_NAME}");
     let before = std::fs::read(workshop.path(&export)).expect("the export");
-    let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", &export]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("so it is not replaced"), "{}", text(&output.stderr));
+    let output = workshop.stderr(&["torque", "--run", "1", "--cycle", "1", "-o", &export], 2);
+    assert!(output.contains("so it is not replaced"), "{output}");
     assert_eq!(std::fs::read(workshop.path(&export)).expect("the export"), before);
 
     delete_run(&workshop, 1);
-    let output = workshop.run(&["torque", "--run", "1", "--cycle", "1"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("there is no run 1"), "{}", text(&output.stderr));
+    let output = workshop.stderr(&["torque", "--run", "1", "--cycle", "1"], 2);
+    assert!(output.contains("there is no run 1"), "{output}");
 }
 
 /// `/dev/full` accepts no byte, like a full disk; it is no file, and therefore is not checked.
@@ -275,9 +267,7 @@ fn on_a_full_disk_the_remedy_is_room(workshop: &Workshop) {
         &["rmsd", "--run", "1", "--plot", "full.html"],
         &["report", "R00", "-o", "full.html"],
     ] {
-        let output = workshop.run(arguments);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(74), "{arguments:?}: {said}");
+        let said = workshop.stderr(arguments, 74);
         assert!(
             said.contains("; free space there, or name a place on another disk"),
             "{arguments:?}: {said}"
@@ -300,9 +290,7 @@ fn results_are_written_over_earlier_results_only() {
             &["robot", "urdf", "--run", "1"],
             &["trajectory", "test", "--robot", "er3a"],
         ] {
-            let output = workshop.run(&[arguments, &["-o", target]].concat());
-            let said = text(&output.stderr);
-            assert_eq!(output.status.code(), Some(2), "{arguments:?} {target}: {said}");
+            let said = workshop.stderr(&[arguments, &["-o", target]].concat(), 2);
             assert!(said.contains(target) && said.contains("name another file"), "{arguments:?}: {said}");
         }
         assert_eq!(std::fs::read(workshop.path(target)).ok(), before, "{target}");
@@ -311,9 +299,8 @@ fn results_are_written_over_earlier_results_only() {
     for arguments in
         [&["report", "R00", "-o", "link.html"][..], &["rmsd", "--run", "1", "--plot", "link.html"]]
     {
-        let output = workshop.run(arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(text(&output.stderr).contains("it is a database"), "{}", text(&output.stderr));
+        let output = workshop.stderr(arguments, 2);
+        assert!(output.contains("it is a database"), "{output}");
     }
     assert_eq!(workshop.number("SELECT COUNT(*) FROM runs"), 1);
 
@@ -357,9 +344,7 @@ fn a_cycle_without_parameters_says_why_and_takes_others() {
     let name = REFERENCE_NAME.trim_end_matches(".gz");
     std::fs::write(workshop.inbox(name), lines.collect::<Vec<_>>().join("\n") + "\n").expect("an export");
     workshop.stdout(&["ingest", "inbox"], 0);
-    let output = workshop.run(&["torque", "--run", "1", "--cycle", "2"]);
-    assert_eq!(output.status.code(), Some(2));
-    let said = text(&output.stderr);
+    let said = workshop.stderr(&["torque", "--run", "1", "--cycle", "2"], 2);
     assert!(said.contains("no excitation stage") && said.contains("--parameters"), "{said}");
     let out = workshop.stdout(&["torque", "--run", "1", "--cycle", "2", "--parameters", "1:1"], 0);
     assert!(rows(&out).iter().any(|row| row.stage == "warming"));

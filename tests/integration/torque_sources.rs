@@ -190,9 +190,8 @@ fn wrong_gains_are_found_from_a_run_with_a_load() {
         (&["--without", "1", "--with", "2", "--cycles", "7"], "no cycle 7"),
     ] {
         let ask = [&["robot", "drive-gains", "--config", "wrong.toml"][..], arguments, &load].concat();
-        let output = workshop.run(&ask);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
+        let output = workshop.stderr(&ask, 2);
+        assert!(output.contains(said), "{output}");
     }
     // another geometry would give another position of the load
     let moved = fs::read_to_string(workshop.path("wrong_robot.toml"))
@@ -258,9 +257,7 @@ fn a_payload_is_found_within_its_intervals_although_gains_are_wrong() {
 fn missing_gains_are_named_before_any_export_is_read() {
     let workshop = Workshop::new();
     configure(&workshop, "ur10e", &shipped("robots/ur10e.toml"), &shipped("exports/ur10e_current.toml"));
-    let output = workshop.run(&["ingest", "inbox", "--config", "ur10e.toml"]);
-    assert_eq!(output.status.code(), Some(2));
-    let said = text(&output.stderr);
+    let said = workshop.stderr(&["ingest", "inbox", "--config", "ur10e.toml"], 2);
     for word in ["drive_gain_nm_a of joint 1", "joint 6", "ur10e_robot.toml", "robot drive-gains"] {
         assert!(said.contains(word), "{word}: {said}");
     }

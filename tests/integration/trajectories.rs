@@ -159,9 +159,8 @@ fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
 
     // the whole test turns each joint over its range: it hits the post, and is not written
     let test = ["trajectory", "test", "--warming-s", "0", "--trajectory", "mine.json", "-o", "test.csv"];
-    let refused = workshop.run(&[&test[..], &in_cell].concat());
-    assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stdout));
-    assert!(text(&refused.stderr).contains("nothing is written"), "{}", text(&refused.stderr));
+    let refused = workshop.stderr(&[&test[..], &in_cell].concat(), 1);
+    assert!(refused.contains("nothing is written"), "{refused}");
     assert!(!workshop.path("test.csv").exists());
     // without obstacles it keeps the jerk, and clears the column with the arm's own range
     let alone =
@@ -371,9 +370,8 @@ fn the_test_has_its_stages(workshop: &Workshop) {
         let error = (1..q.len() - 1).map(|k| (500.0 * (q[k + 1] - q[k - 1]) - qd[k]).abs());
         assert!(error.fold(0.0, f64::max) < 0.1 * largest, "{largest}");
     }
-    let refused = workshop.run(&[&shape[..7], &["9"]].concat());
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("no speed level 9"), "{}", text(&refused.stderr));
+    let refused = workshop.stderr(&[&shape[..7], &["9"]].concat(), 2);
+    assert!(refused.contains("no speed level 9"), "{refused}");
 }
 
 /// Checks each part of the test alone, and refused combinations.
@@ -478,9 +476,8 @@ fn broken_limits_are_named_and_not_written(workshop: &Workshop) {
         assert!(shown.contains("BROKEN joint 1: speed") && shown.contains("rad/s"), "{shown}");
     }
     let export = ["trajectory", "export", "mine.json", "--robot", "slow.toml", "-o", "slow.csv"];
-    let refused = workshop.run(&export);
-    assert_eq!(refused.status.code(), Some(1));
-    assert!(text(&refused.stderr).contains("--despite-broken-limits"), "{}", text(&refused.stderr));
+    let refused = workshop.stderr(&export, 1);
+    assert!(refused.contains("--despite-broken-limits"), "{refused}");
     assert!(!workshop.path("slow.csv").exists());
     workshop.stdout(&[&export[..], &["--despite-broken-limits", "--waypoints"]].concat(), 0);
     let written = fs::read_to_string(workshop.path("slow.csv")).expect("a file");
@@ -491,9 +488,8 @@ fn broken_limits_are_named_and_not_written(workshop: &Workshop) {
         (["trajectory", "check", "mine.json", "--robot", "er3b"], "neither a robot nor a model"),
         (["trajectory", "check", "nothing.json", "--robot", "er3a"], "there is no such file or folder"),
     ] {
-        let output = workshop.run(&arguments);
-        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
-        assert_eq!(output.status.code(), Some(2));
+        let output = workshop.stderr(&arguments, 2);
+        assert!(output.contains(said), "{output}");
     }
     let programme = fs::read_to_string(workshop.path("mine.json")).expect("a programme");
     let over =

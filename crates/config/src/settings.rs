@@ -166,22 +166,14 @@ pub struct WorkLimits {
     pub cycles_bytes: usize,
 }
 
-/// Treatment of a complete run whose file is overwritten with another content.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RewritePolicy {
-    /// The new run supersedes the old one, which is kept and takes no part in conclusions.
-    Supersede,
-    /// Both runs count.
-    KeepBoth,
-}
-
-impl RewritePolicy {
-    /// Name in the configuration.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Supersede => "supersede",
-            Self::KeepBoth => "keep_both",
-        }
+armwatch_model::named_enum! {
+    /// Treatment of a complete run whose file is overwritten with another content.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum RewritePolicy {
+        /// The new run supersedes the old one, which is kept and takes no part in conclusions.
+        Supersede = "supersede",
+        /// Both runs count.
+        KeepBoth = "keep_both",
     }
 }
 

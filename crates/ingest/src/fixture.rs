@@ -114,7 +114,7 @@ pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (RawSam
     let mut channel =
         || -> Vec<Vec<f64>> { joints.clone().map(|_| (0..rows).map(|_| number()).collect()).collect() };
     let (position, velocity, torque) = (channel(), channel(), channel());
-    let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+    let stages = Stage::ALL;
     let samples = RawSamples {
         time: (0..rows).map(|row| row as f64 * 0.002).collect(),
         position,

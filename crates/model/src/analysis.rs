@@ -244,13 +244,15 @@ pub struct JointResidual {
     pub independent_share: f64,
 }
 
-/// Motion of a joint in a row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Motion {
-    /// At its low-speed threshold or faster.
-    Moving,
-    /// Slower, or at rest.
-    Slow,
+crate::named_enum! {
+    /// Motion of a joint in a row.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Motion {
+        /// At its low-speed threshold or faster.
+        Moving = "moving",
+        /// Slower, or at rest.
+        Slow = "slow",
+    }
 }
 
 impl Motion {
@@ -261,15 +263,6 @@ impl Motion {
     #[must_use]
     pub fn of(qd: f64, low_speed: f64) -> Self {
         if qd.abs() >= low_speed { Self::Moving } else { Self::Slow }
-    }
-
-    /// Name as stored.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Moving => "moving",
-            Self::Slow => "slow",
-        }
     }
 }
 
@@ -333,49 +326,29 @@ pub struct CarriedLoad {
     pub friction: f64,
 }
 
-/// Method of removing the load of gravity from a friction point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum GravityRemoval {
-    /// The axis is vertical in this posture: gravity does no work on the joint.
-    AxisVertical,
-    /// Fitted on the friction stage of the joint [5.3] and subtracted [5.2].
-    Fitted,
-    /// Computed from the cycle's identified parameters.
-    Model,
-}
-
-impl GravityRemoval {
-    /// Name as stored.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::AxisVertical => "axis_vertical",
-            Self::Fitted => "fitted",
-            Self::Model => "model",
-        }
+crate::named_enum! {
+    /// Method of removing the load of gravity from a friction point.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    pub enum GravityRemoval {
+        /// The axis is vertical in this posture: gravity does no work on the joint.
+        AxisVertical = "axis_vertical",
+        /// Fitted on the friction stage of the joint [5.3] and subtracted [5.2].
+        Fitted = "fitted",
+        /// Computed from the cycle's identified parameters.
+        Model = "model",
     }
 }
 
-/// Shape of a warm-up curve that the data support.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum WarmUpModel {
-    /// `a + b exp(-t/t1) + c exp(-t/t2)` [5.4].
-    Double,
-    /// `a + b exp(-t/t1)`.
-    Single,
-    /// `a`.
-    Constant,
-}
-
-impl WarmUpModel {
-    /// Name as in the view `warmup_fits`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Double => "double",
-            Self::Single => "single",
-            Self::Constant => "constant",
-        }
+crate::named_enum! {
+    /// Shape of a warm-up curve that the data support.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+    pub enum WarmUpModel {
+        /// `a + b exp(-t/t1) + c exp(-t/t2)` [5.4].
+        Double = "double",
+        /// `a + b exp(-t/t1)`.
+        Single = "single",
+        /// `a`.
+        Constant = "constant",
     }
 }
 
@@ -446,23 +419,14 @@ pub struct Decay {
     pub time_constant: Estimate,
 }
 
-/// Cycles used for the statistics of a parameter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum StatisticsWindow {
-    /// All cycles.
-    All,
-    /// All except the first five: the arm warms up in these.
-    AfterFive,
-}
-
-impl StatisticsWindow {
-    /// Name as in the view `parameter_statistics`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::AfterFive => "after_5",
-        }
+crate::named_enum! {
+    /// Cycles used for the statistics of a parameter.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+    pub enum StatisticsWindow {
+        /// All cycles.
+        All = "all",
+        /// All except the first five: the arm warms up in these.
+        AfterFive = "after_5",
     }
 }
 

@@ -95,19 +95,6 @@ impl Robot {
         self.carried != StandardParameters::default()
     }
 
-    /// The same arm without friction that depends on load.
-    #[must_use]
-    pub fn without_load_friction(&self) -> Self {
-        let mut robot = self.clone();
-        robot.friction.load = LoadFriction::None;
-        robot
-            .joints
-            .iter_mut()
-            .flat_map(|joint| &mut joint.friction)
-            .for_each(|of| of.load = LoadFriction::None);
-        robot
-    }
-
     /// The springs that drive a joint.
     pub fn springs_of(&self, joint: JointIndex) -> impl Iterator<Item = &Spring> {
         self.springs.iter().filter(move |spring| spring.joint == joint)

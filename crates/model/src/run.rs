@@ -15,17 +15,19 @@ use temperature::Temperatures;
 
 use crate::robot::JointIndex;
 
-/// Part of a cycle, as the controller's stage signal separates them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub enum Stage {
-    /// Between stages: moving to the next posture or waiting.
-    Between,
-    /// Fourier trajectory and full-speed trajectory, for identification.
-    Excitation,
-    /// Each joint alone, back and forth at constant speeds.
-    Friction,
-    /// All joints together, to warm the gearboxes.
-    Warming,
+crate::named_enum! {
+    /// Part of a cycle, as the controller's stage signal separates them.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+    pub enum Stage {
+        /// Between stages: moving to the next posture or waiting.
+        Between = "between",
+        /// Fourier trajectory and full-speed trajectory, for identification.
+        Excitation = "excitation",
+        /// Each joint alone, back and forth at constant speeds.
+        Friction = "friction",
+        /// All joints together, to warm the gearboxes.
+        Warming = "warming",
+    }
 }
 
 impl Stage {
@@ -40,17 +42,6 @@ impl Stage {
             Self::Excitation => 1,
             Self::Friction => 2,
             Self::Warming => 3,
-        }
-    }
-
-    /// Name as in the view `cycle_rmsd`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Between => "between",
-            Self::Excitation => "excitation",
-            Self::Friction => "friction",
-            Self::Warming => "warming",
         }
     }
 }
@@ -399,28 +390,19 @@ pub struct RunHeader {
     pub source_bytes: u64,
 }
 
-/// Kind of a run's recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
-pub enum RunKind {
-    /// The test: its stages serve to identify parameters and friction.
-    #[default]
-    Test,
-    /// Production, compared with the parameters of tests.
-    Production,
+crate::named_enum! {
+    /// Kind of a run's recording.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+    pub enum RunKind {
+        /// The test: its stages serve to identify parameters and friction.
+        #[default]
+        Test = "test",
+        /// Production, compared with the parameters of tests.
+        Production = "production",
+    }
 }
 
 crate::serialize_by_name!(RunKind);
-
-impl RunKind {
-    /// Name as in the view `runs`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Test => "test",
-            Self::Production => "production",
-        }
-    }
-}
 
 crate::named_enum! {
     /// Status of a run.

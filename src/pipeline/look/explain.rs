@@ -433,7 +433,7 @@ fn sketch(cycle: &Cycle, work: Option<&CycleWork>) -> CycleSketch {
 
 /// Rows and time by stage; a row lasts until the next one.
 fn stage_parts(samples: &Samples) -> [StagePart; 4] {
-    let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+    let stages = Stage::ALL;
     let mut parts = stages.map(|stage| StagePart { stage, rows: 0, seconds: 0.0 });
     for (row, stage) in samples.stage.iter().enumerate() {
         let part = &mut parts[*stage as usize];

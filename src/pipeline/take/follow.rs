@@ -20,7 +20,7 @@ use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::Decision;
 use super::intake::Recognised;
 use super::{attempt, cut_file, decide, intake, new_robot, record, resume};
-use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
+use crate::pipeline::context::{OnProgress, Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
 use armwatch_config::FleetEntry;
 use armwatch_ingest::bytes::blocks::Passed;
@@ -74,7 +74,7 @@ impl Pipeline {
         path: &Path,
         settle: Duration,
         ends: &Ends,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Followed, PipelineError> {
         let Some(claimed) = self.claim_export(path).await? else {
             return Ok(Followed::Outcome(Outcome::InWork { run_id: None }));
@@ -91,7 +91,7 @@ impl Pipeline {
         (path, name): (&Path, &str),
         settle: Duration,
         ends: &Ends,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Followed, PipelineError> {
         if self.begin_attempt(name, intake::source_state(path), &ends.stop).await?.is_spent() {
             // the count stays until the file has settled, which ends in quarantine
@@ -137,7 +137,7 @@ impl Pipeline {
         (path, name): (&Path, &str),
         settle: Duration,
         ends: &Ends,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Followed, PipelineError> {
         // the set of parts is known when they have settled
         if RecordingParts::of(path).is_some() {
@@ -186,7 +186,7 @@ impl Pipeline {
         name: &str,
         settle: Duration,
         ends: &Ends,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+        progress: impl OnProgress,
     ) -> Result<Followed, PipelineError> {
         let path = &*intake.path;
         progress(Progress::Begun);

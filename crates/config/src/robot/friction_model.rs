@@ -290,7 +290,6 @@ mod tests {
         // a joint without friction has none under load either
         let robot = with(root, 2, "friction_model = \"none\"").expect("no problems");
         assert_eq!(robot.parameter_count(), 6 * 16 - 5);
-        assert_eq!(robot.without_load_friction().parameter_count(), 6 * 15 - 4);
     }
 
     #[test]

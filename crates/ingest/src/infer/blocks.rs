@@ -2,7 +2,7 @@
 //! derivation, and torques are in the remaining block.
 
 use super::head::Head;
-use super::joints::{ACCELERATION, JointColumns, Joints, is_derivative_of_all, is_still, rises, values};
+use super::joints::{ACCELERATION, Joints, QuantityColumns, is_derivative_of_all, is_still, rises, values};
 use super::names::NameMeaning;
 use super::proposal::Hints;
 use super::sets::list;
@@ -104,9 +104,9 @@ fn of_blocks<'h>(
     let n = blocks.joints;
     let block =
         |start: usize| -> Option<Vec<&'h [f64]>> { columns.get(start..start + n)?.iter().copied().collect() };
-    let found = |start: usize, why: &str, question: Option<String>| -> Option<JointColumns<'h>> {
+    let found = |start: usize, why: &str, question: Option<String>| -> Option<QuantityColumns<'h>> {
         let of: Vec<usize> = (start..start + n).collect();
-        Some(JointColumns {
+        Some(QuantityColumns {
             key: ("columns", list(head, &of)),
             columns: of,
             said: NameMeaning::default(),
@@ -183,9 +183,9 @@ fn by_place<'h>(head: &'h Head, columns: &[Option<&'h [f64]>], n: usize) -> Join
     let first = columns.iter().take(3).position(|values| values.is_some() && !rises(*values)).unwrap_or(0);
     let question = "no column is the derivative of another, so this follows only from their order: \
         positions first, then torques. Is this right?";
-    let found = |start: usize| -> Option<JointColumns<'h>> {
+    let found = |start: usize| -> Option<QuantityColumns<'h>> {
         let of: Vec<usize> = (start..start + n).collect();
-        Some(JointColumns {
+        Some(QuantityColumns {
             key: ("columns", list(head, &of)),
             values: columns.get(start..start + n)?.iter().copied().collect::<Option<_>>()?,
             columns: of,

@@ -8,7 +8,7 @@ use armwatch_model::robot::Robot;
 
 /// Columns of one quantity, one per joint.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct JointColumns<'h> {
+pub(super) struct QuantityColumns<'h> {
     /// Their indices in the export.
     pub(super) columns: Vec<usize>,
     /// Key and value of the layout.
@@ -24,9 +24,9 @@ pub(super) struct JointColumns<'h> {
 /// The columns of all joints.
 #[derive(Debug, Default)]
 pub(super) struct Joints<'h> {
-    pub(super) position: Option<JointColumns<'h>>,
-    pub(super) velocity: Option<JointColumns<'h>>,
-    pub(super) torque: Option<JointColumns<'h>>,
+    pub(super) position: Option<QuantityColumns<'h>>,
+    pub(super) velocity: Option<QuantityColumns<'h>>,
+    pub(super) torque: Option<QuantityColumns<'h>>,
     pub(super) count: usize,
     /// Other columns of the joints, such as accelerations, with the name of their quantity.
     pub(super) others: Vec<(usize, &'static str)>,
@@ -133,7 +133,7 @@ fn chosen<'h>(
     count: usize,
     what: &str,
     candidates: &mut [Candidate<'_, 'h>],
-) -> Option<JointColumns<'h>> {
+) -> Option<QuantityColumns<'h>> {
     candidates.sort_by_key(|of| {
         (
             of.said.intent.is_some(),
@@ -193,7 +193,7 @@ fn chosen<'h>(
             "there are {more} columns of this name for {count} joints. Are the first ones the arm's?"
         ));
     }
-    Some(JointColumns {
+    Some(QuantityColumns {
         columns: best.set.columns[..count].to_vec(),
         key: best.set.key(head, count),
         said: best.said,

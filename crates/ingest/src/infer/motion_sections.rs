@@ -2,7 +2,7 @@
 
 use super::decide::ColumnOrigin;
 use super::head::Head;
-use super::joints::{JointColumns, Joints, Time};
+use super::joints::{Joints, QuantityColumns, Time};
 use super::motion_units::{Slopes, Units};
 use super::names::ColumnKind;
 use super::proposal::Hints;
@@ -352,7 +352,7 @@ pub(super) fn torque_section(
 }
 
 /// Why a unit is known.
-fn unit_reason(found: &JointColumns<'_>) -> &'static str {
+fn unit_reason(found: &QuantityColumns<'_>) -> &'static str {
     if found.said.is_unit_shipped { "as in the shipped layout" } else { "the name gives it" }
 }
 
@@ -365,7 +365,12 @@ fn has_gains(hints: Hints<'_>) -> bool {
 }
 
 /// Size of the recorded torques compared with those of gravity, if positions are the joints' and their unit is known.
-fn size_of(found: &JointColumns<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Option<Size> {
+fn size_of(
+    found: &QuantityColumns<'_>,
+    joints: &Joints<'_>,
+    units: &Units,
+    hints: Hints<'_>,
+) -> Option<Size> {
     let position =
         joints.position.as_ref().filter(|position| !position.said.is_motor && !units.beyond_limits)?;
     if found.said.is_motor {
@@ -378,7 +383,7 @@ fn size_of(found: &JointColumns<'_>, joints: &Joints<'_>, units: &Units, hints: 
 }
 
 /// The unit of torques: by their name, otherwise only if nothing indicates currents.
-fn torque_unit(found: &JointColumns<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
+fn torque_unit(found: &QuantityColumns<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
     let most = units::largest(found.values.iter().copied().flatten());
     let named_torque = found.said.kind == Some(ColumnKind::Torque);
     let compared = size.map_or_else(String::new, |size| format!("; {}", size.text()));

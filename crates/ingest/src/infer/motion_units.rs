@@ -1,7 +1,7 @@
 //! Units of positions, velocities and time: from the names of the columns, otherwise from the motion in the numbers.
 
 use super::head::Head;
-use super::joints::{JointColumns, Joints};
+use super::joints::{Joints, QuantityColumns};
 use super::proposal::Hints;
 use super::units::{Choice, ColumnNumbers, Known, Slope};
 use super::{names, units};
@@ -56,7 +56,7 @@ pub(super) fn decide_units(
     shipped: Shipped,
 ) -> Units {
     let robot = hints.robot;
-    let unit = |found: &Option<JointColumns<'_>>, allowed: &[units::Unit]| {
+    let unit = |found: &Option<QuantityColumns<'_>>, allowed: &[units::Unit]| {
         let said = found.as_ref()?.said;
         let said = said.unit.filter(|_| shipped.is_trusted || !said.is_unit_shipped)?;
         allowed.iter().find(|(name, _)| *name == said).map(|(name, _)| *name)
@@ -75,7 +75,7 @@ pub(super) fn decide_units(
         velocity: unit(&joints.velocity, &units::VELOCITY),
         time: shipped.time.or(of_time),
     };
-    let most = |found: &JointColumns<'_>| units::largest(found.values.iter().copied().flatten());
+    let most = |found: &QuantityColumns<'_>| units::largest(found.values.iter().copied().flatten());
     let limit = |robot: &Robot| {
         let limits = robot.joints.iter().map(|joint| &joint.limits);
         limits.fold(0.0_f64, |most, limit| most.max(limit.position_min.abs()).max(limit.position_max.abs()))

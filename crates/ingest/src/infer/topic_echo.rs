@@ -2,7 +2,7 @@
 //! columns.
 
 use super::head::{Head, HeadColumn};
-use super::joints::{JointColumns, Joints};
+use super::joints::{Joints, QuantityColumns};
 use super::names::{ColumnKind, NameMeaning};
 use super::section::{Section, TomlKey, quoted};
 use super::sets::{ORDER_QUESTION, list};
@@ -65,9 +65,9 @@ pub(super) fn topic_echo<'h>(head: &'h Head, robot: Option<&Robot>) -> Option<To
         .is_none()
         .then(|| format!("the joints of the message are {}: {ORDER_QUESTION}", names.join(", ")));
     let places = of_robot.unwrap_or_else(|| (0..n).collect());
-    let found = |block: usize, kind: ColumnKind, unit: &'static str| -> Option<JointColumns<'h>> {
+    let found = |block: usize, kind: ColumnKind, unit: &'static str| -> Option<QuantityColumns<'h>> {
         let columns: Vec<usize> = places.iter().map(|place| STAMP + block * n + place).collect();
-        Some(JointColumns {
+        Some(QuantityColumns {
             key: ("columns", list(head, &columns)),
             values: columns.iter().map(|at| head.columns[*at].values.as_deref()).collect::<Option<_>>()?,
             columns,

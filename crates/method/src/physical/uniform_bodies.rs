@@ -36,23 +36,14 @@ const SMALLEST_REACH: f64 = 0.1;
 /// all others keep theirs.
 const RIDGE: f64 = 1e-6;
 
-/// Source of the assumed body of a link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BodySource {
-    /// Nominal inertia of the description.
-    Description,
-    /// Cylinder of uniform density along the geometry.
-    UniformBody,
-}
-
-impl BodySource {
-    /// Name in output.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Description => "description",
-            Self::UniformBody => "uniform body",
-        }
+armwatch_model::named_enum! {
+    /// Source of the assumed body of a link.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum BodySource {
+        /// Nominal inertia of the description.
+        Description = "description",
+        /// Cylinder of uniform density along the geometry.
+        UniformBody = "uniform body",
     }
 }
 

@@ -83,23 +83,14 @@ impl GainEstimate {
     }
 }
 
-/// Source of a standard error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GainErrorSource {
-    /// Scatter between cycles, at least four per recording, by leaving out each in turn (jackknife in two strata).
-    Cycles,
-    /// Residual of the rows that are independent after the low-pass, because there are too few cycles.
-    Rows,
-}
-
-impl GainErrorSource {
-    /// Name in output.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cycles => "cycles",
-            Self::Rows => "rows",
-        }
+armwatch_model::named_enum! {
+    /// Source of a standard error.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum GainErrorSource {
+        /// Scatter between cycles, at least four per recording, by leaving out each in turn (jackknife in two strata).
+        Cycles = "cycles",
+        /// Residual of the rows that are independent after the low-pass, because there are too few cycles.
+        Rows = "rows",
     }
 }
 

@@ -321,8 +321,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn samples(stages: &[u8], counters: Option<&[u32]>) -> Samples {
-        let stage =
-            |s: &u8| [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming][usize::from(*s)];
+        let stage = |s: &u8| Stage::ALL[usize::from(*s)];
         let time: Vec<f64> = (0..stages.len()).map(|i| i as f64 * 0.01).collect();
         Samples {
             position: vec![time.clone()],

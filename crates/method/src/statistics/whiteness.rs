@@ -40,26 +40,16 @@ pub struct Whiteness {
     pub p_value: f64,
 }
 
-/// Verdict of the test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WhitenessVerdict {
-    /// White enough for control charts.
-    White,
-    /// The lag-1 autocorrelation is too large, but may be due to chance.
-    Undecided,
-    /// The series has memory.
-    Memory,
-}
-
-impl WhitenessVerdict {
-    /// `yes`, `undecided` or `no`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::White => "yes",
-            Self::Undecided => "undecided",
-            Self::Memory => "no",
-        }
+armwatch_model::named_enum! {
+    /// Verdict of the test.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum WhitenessVerdict {
+        /// White enough for control charts.
+        White = "yes",
+        /// The lag-1 autocorrelation is too large, but may be due to chance.
+        Undecided = "undecided",
+        /// The series has memory.
+        Memory = "no",
     }
 }
 

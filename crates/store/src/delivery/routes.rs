@@ -13,25 +13,16 @@ use crate::robot::alarms::alarm_state::EventKind;
 /// Most events handled in one transaction: a fleet's backlog must not hold the writer for long.
 const EVENTS_AT_ONCE: i64 = 200;
 
-/// Reason why a message is not sent at once.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Held {
-    /// Quiet hours.
-    Quiet,
-    /// The route sends all messages of a day as one.
-    Digest,
-    /// Too many messages within an hour.
-    Flood,
-}
-
-impl Held {
-    /// Name as stored.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Quiet => "quiet",
-            Self::Digest => "digest",
-            Self::Flood => "flood",
-        }
+armwatch_model::named_enum! {
+    /// Reason why a message is not sent at once.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Held {
+        /// Quiet hours.
+        Quiet = "quiet",
+        /// The route sends all messages of a day as one.
+        Digest = "digest",
+        /// Too many messages within an hour.
+        Flood = "flood",
     }
 }
 

@@ -12,7 +12,7 @@ mod places;
 pub(crate) mod sqlstate;
 
 pub(crate) use self::either::{Engine, EngineArguments, EngineConnectOptions, EngineConnection, EngineRow};
-pub(crate) use self::places::{Bind, Run};
+pub(crate) use self::places::{Bind, Run, row_of};
 
 /// A pool of connections.
 pub(crate) type EnginePool = sqlx::Pool<Engine>;

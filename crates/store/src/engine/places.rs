@@ -85,3 +85,16 @@ impl Run for Query<'_, Engine, EngineArguments> {
         self.execute(executor).await.map(drop)
     }
 }
+
+/// Reads rows into a type whose fields are the columns of the same names.
+macro_rules! row_of {
+    ($name:ident { $($field:ident),+ }) => {
+        impl ::sqlx::FromRow<'_, $crate::engine::EngineRow> for $name {
+            fn from_row(row: &$crate::engine::EngineRow) -> ::sqlx::Result<Self> {
+                Ok(Self { $($field: ::sqlx::Row::try_get(row, stringify!($field))?),+ })
+            }
+        }
+    };
+}
+
+pub(crate) use row_of;

@@ -1,27 +1,17 @@
 //! Kinds of programs that use a database, and kinds of their claims.
 
-/// Work that only one daemon at a time may do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ClaimKind {
-    /// An export in a shared folder; its subject is the path.
-    Export,
-    /// A run that is being read; its subject is its key.
-    Run,
-    /// Conclusions of a robot; its subject is the name.
-    Robot,
-    /// A route of alarms; its subject is the name.
-    Route,
-}
-
-impl ClaimKind {
-    /// Name as in the database.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Export => "export",
-            Self::Run => "run",
-            Self::Robot => "robot",
-            Self::Route => "route",
-        }
+armwatch_model::named_enum! {
+    /// Work that only one daemon at a time may do.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum ClaimKind {
+        /// An export in a shared folder; its subject is the path.
+        Export = "export",
+        /// A run that is being read; its subject is its key.
+        Run = "run",
+        /// Conclusions of a robot; its subject is the name.
+        Robot = "robot",
+        /// A route of alarms; its subject is the name.
+        Route = "route",
     }
 }
 

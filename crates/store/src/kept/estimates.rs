@@ -3,9 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use sqlx::{FromRow, Row};
-
-use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, EngineTransaction, Run};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineTransaction, Run, row_of};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
@@ -34,15 +32,7 @@ pub struct OtherEstimate {
     pub cycles: u32,
 }
 
-impl FromRow<'_, EngineRow> for OtherEstimate {
-    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
-        Ok(Self {
-            run_id: row.try_get("run_id")?,
-            robot: row.try_get("robot")?,
-            cycles: row.try_get("cycles")?,
-        })
-    }
-}
+row_of!(OtherEstimate { run_id, robot, cycles });
 
 /// Result of identifying a stored cycle again.
 #[derive(Debug, Clone, PartialEq)]

@@ -16,8 +16,6 @@ use armwatch_model::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, War
 use armwatch_model::robot::ParameterId;
 use armwatch_model::run::Stage;
 
-pub(super) const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
-
 /// Stored data of a cycle for identification and verification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredCycle {
@@ -252,7 +250,7 @@ pub(super) async fn factors_by_cycle(
     .try_map(|row: EngineRow| {
         let factor = TorqueFactor {
             joint: joint(&row, "joint")?,
-            stage: named(&row, "stage", &STAGES, Stage::name)?,
+            stage: named(&row, "stage", &Stage::ALL, Stage::name)?,
             motion: named(&row, "motion", &Motion::BOTH, Motion::name)?,
             rows: size(&row, "rows")?,
             upper: numbers(row.try_get("factor")?)?,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use sqlx::{QueryBuilder, Row};
 
-use super::factors::{self, FactorLayout, FactorsWanted, STAGES};
+use super::factors::{self, FactorLayout, FactorsWanted};
 use super::production_evidence;
 use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
 use crate::error::StoreError;
@@ -134,7 +134,7 @@ async fn of_layout(
     .try_map(|row: EngineRow| {
         Ok(TorqueFactor {
             joint: joint(&row, "joint")?,
-            stage: named(&row, "stage", &STAGES, Stage::name)?,
+            stage: named(&row, "stage", &Stage::ALL, Stage::name)?,
             motion: named(&row, "motion", &Motion::BOTH, Motion::name)?,
             rows: size(&row, "rows")?,
             upper: factors::numbers(row.try_get("factor")?)?,

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
-use sqlx::{FromRow, QueryBuilder, Row};
+use sqlx::{QueryBuilder, Row};
 
 use super::production_evidence;
-use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run};
+use crate::engine::{Bind, Engine, EngineConnection, EngineExecutor, EngineRow, Run, row_of};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, of_some_rows, size};
@@ -150,15 +150,7 @@ pub struct ReferenceTest {
     pub robot_model_id: i64,
 }
 
-impl FromRow<'_, EngineRow> for ReferenceTest {
-    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
-        Ok(Self {
-            run_id: row.try_get("run_id")?,
-            started_at: row.try_get("started_at")?,
-            robot_model_id: row.try_get("robot_model_id")?,
-        })
-    }
-}
+row_of!(ReferenceTest { run_id, started_at, robot_model_id });
 
 /// A production window with factors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -175,17 +167,7 @@ pub struct ProductionWindow {
     pub settled_against: Option<i64>,
 }
 
-impl FromRow<'_, EngineRow> for ProductionWindow {
-    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
-        Ok(Self {
-            run_id: row.try_get("run_id")?,
-            cycle: row.try_get("cycle")?,
-            started_at: row.try_get("started_at")?,
-            robot_model_id: row.try_get("robot_model_id")?,
-            settled_against: row.try_get("settled_against")?,
-        })
-    }
-}
+row_of!(ProductionWindow { run_id, cycle, started_at, robot_model_id, settled_against });
 
 /// Description that the parameters of a row of `run` belong to. NULL for a test without parameters, or with cycles of
 /// two descriptions, which cannot be combined. A test whose factors were removed keeps it: windows stay with the test

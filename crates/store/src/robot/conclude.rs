@@ -4,12 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use sqlx::{FromRow, Row};
 
 use super::alarms::anomalies::{self, Reconciled};
 use super::figures::friction_series::{self, FrictionSeries};
 use super::{conclusion_faults, settled};
-use crate::engine::{Bind, EngineExecutor, EngineRow, EngineTransaction, Run};
+use crate::engine::{Bind, EngineExecutor, EngineTransaction, Run, row_of};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::{production, run_analysis};
@@ -29,15 +28,7 @@ pub struct StaleRobot {
     pub history: i64,
 }
 
-impl FromRow<'_, EngineRow> for StaleRobot {
-    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
-        Ok(Self {
-            robot_id: row.try_get("robot_id")?,
-            name: row.try_get("name")?,
-            history: row.try_get("history")?,
-        })
-    }
-}
+row_of!(StaleRobot { robot_id, name, history });
 
 /// An open transaction that stores the conclusion of a robot. Dropping it without [`commit`](Self::commit) leaves the
 /// database unchanged. It holds the only writer, so read and compute before you open it.

@@ -1,10 +1,10 @@
 //! Robots of one model: their first tests, and the robots that need another comparison.
 
-use sqlx::{FromRow, Row};
+use sqlx::Row;
 
 use super::conclude::ConclusionTransaction;
 use super::figures::joint_summary;
-use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, row_of};
 use crate::error::StoreError;
 use crate::handle::Store;
 use armwatch_model::analysis::JointSummary;
@@ -42,16 +42,7 @@ struct PeerRobot {
     tests: i64,
 }
 
-impl FromRow<'_, EngineRow> for PeerRobot {
-    fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
-        Ok(Self {
-            robot_id: row.try_get("robot_id")?,
-            name: row.try_get("name")?,
-            peers_compared: row.try_get("peers_compared")?,
-            tests: row.try_get("tests")?,
-        })
-    }
-}
+row_of!(PeerRobot { robot_id, name, peers_compared, tests });
 
 /// All robots of the model of a robot's latest test, by name.
 async fn members(

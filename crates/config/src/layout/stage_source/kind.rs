@@ -2,10 +2,7 @@
 
 use crate::layout::column::Column;
 use armwatch_model::run::stage_rule::StageRule;
-use armwatch_model::run::{RunKind, Stage, StageReading};
-
-/// The stages in the order of the cells of every kind.
-pub(crate) const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+use armwatch_model::run::{RunKind, StageReading};
 
 /// Interface of a stage signal for a layout and the reading of its exports.
 ///

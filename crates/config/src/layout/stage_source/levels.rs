@@ -1,6 +1,6 @@
 //! An analogue signal in a column.
 
-use super::kind::{STAGES, StageCells, StageKind};
+use super::kind::{StageCells, StageKind};
 use crate::layout::column::Column;
 use crate::layout::column_names::ColumnNames;
 use crate::toml::range::Limits;
@@ -37,7 +37,7 @@ impl StageLevels {
         let debounce = table.number_or("debounce_s", &DEBOUNCE, USUAL_DEBOUNCE_S);
         let mut ranges: Vec<(Stage, [f64; 2])> = Vec::new();
         let mut sound = true;
-        for stage in STAGES {
+        for stage in Stage::ALL {
             let value = match stage {
                 Stage::Between | Stage::Excitation => table.required(stage.name()),
                 Stage::Friction | Stage::Warming => table.optional(stage.name()),
@@ -81,7 +81,7 @@ impl StageKind for StageLevels {
     fn cells(&self) -> Option<Vec<(&Column, StageCells)>> {
         let range =
             |stage: Stage| self.settings.ranges.iter().find(|(of, _)| *of == stage).map(|(_, range)| *range);
-        let [between, excitation, friction, warming] = STAGES.map(range);
+        let [between, excitation, friction, warming] = Stage::ALL.map(range);
         let ranges = [between?, excitation?, friction?, warming?];
         let narrowest = ranges.iter().map(|[low, high]| high - low).fold(f64::INFINITY, f64::min);
         let levels = ranges.map(|[low, high]| 0.5 * (low + high));

@@ -1,6 +1,6 @@
 //! A column for each stage.
 
-use super::kind::{STAGES, StageCells, StageKind};
+use super::kind::{StageCells, StageKind};
 use crate::layout::column::Column;
 use crate::layout::column_names::ColumnNames;
 use crate::toml::table::Table;
@@ -80,7 +80,7 @@ impl StageKind for OneHot {
     }
 
     fn cells(&self) -> Option<Vec<(&Column, StageCells)>> {
-        let texts = |of: Stage| STAGES.map(|stage| u8::from(stage == of).to_string());
+        let texts = |of: Stage| Stage::ALL.map(|stage| u8::from(stage == of).to_string());
         let cells = self.columns.iter().map(|(of, column)| (column, StageCells::Texts(texts(*of))));
         (self.columns.len() >= Stage::ANALYSED.len()).then(|| cells.collect())
     }

@@ -1,6 +1,6 @@
 //! Words in a column.
 
-use super::kind::{STAGES, StageCells, StageKind};
+use super::kind::{StageCells, StageKind};
 use super::lists::{read_list, refuse_known};
 use crate::layout::column::Column;
 use crate::toml::table::Table;
@@ -20,13 +20,13 @@ impl StageWords {
     pub(super) fn read(table: &Table<'_>, column: Option<Column>) -> Option<Self> {
         let mut taken: Vec<(String, &str)> = Vec::new();
         let mut words = Vec::new();
-        let lists = STAGES.map(|stage| {
+        let lists = Stage::ALL.map(|stage| {
             read_list(table, stage.name(), |item| {
                 let word = item.any_text()?.trim().to_owned();
                 refuse_known(item, &word, stage.name(), &mut taken)
             })
         });
-        for (stage, list) in STAGES.into_iter().zip(lists) {
+        for (stage, list) in Stage::ALL.into_iter().zip(lists) {
             words.extend(list?.into_iter().map(|word| (word, stage)));
         }
         Some(Self { column: column?, words })
@@ -56,14 +56,14 @@ impl StageKind for StageWords {
     }
 
     fn reading(&self, columns: Vec<Vec<f64>>, _rows: usize) -> Option<StageReading> {
-        let stage = |number: f64| STAGES.into_iter().find(|of| f64::from(*of as u8) == number);
+        let stage = |number: f64| Stage::ALL.into_iter().find(|of| f64::from(*of as u8) == number);
         columns.into_iter().next()?.into_iter().map(stage).collect::<Option<_>>().map(StageReading::Known)
     }
 
     fn cells(&self) -> Option<Vec<(&Column, StageCells)>> {
         let word =
             |stage: Stage| self.words.iter().find(|(_, of)| *of == stage).map(|(word, _)| word.clone());
-        let [between, excitation, friction, warming] = STAGES.map(word);
+        let [between, excitation, friction, warming] = Stage::ALL.map(word);
         let texts = [between?, excitation?, friction?, warming?];
         Some(vec![(&self.column, StageCells::Texts(texts))])
     }

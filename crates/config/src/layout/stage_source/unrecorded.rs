@@ -1,6 +1,6 @@
 //! Stages without a column: from the motion, from a schedule, the same in the whole recording, or none.
 
-use super::kind::{STAGES, StageKind};
+use super::kind::StageKind;
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
 use armwatch_model::run::stage_rule::{Schedule, StageRule};
@@ -123,7 +123,7 @@ pub(super) fn read_schedule(table: &Table<'_>) -> Option<Schedule> {
 
 fn read_named(value: &Value<'_>) -> Option<Stage> {
     let given = value.text()?;
-    let found = STAGES.into_iter().find(|stage| stage.name() == given);
+    let found = Stage::ALL.into_iter().find(|stage| stage.name() == given);
     if found.is_none() {
         value.refuse("must be \"between\", \"excitation\", \"friction\" or \"warming\"".into(), None);
     }
