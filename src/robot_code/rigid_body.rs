@@ -52,7 +52,7 @@ impl JointFrame {
 }
 
 /// Motion of a link in its own frame, with gravity as an acceleration of the base.
-pub(super) struct SymbolicMotion {
+pub(super) struct LinkMotion {
     /// Angular velocity.
     pub(super) w: Vector,
     /// Angular acceleration.
@@ -63,7 +63,7 @@ pub(super) struct SymbolicMotion {
     pub(super) u: [Vector; 3],
 }
 
-impl SymbolicMotion {
+impl LinkMotion {
     pub(super) fn next(
         &self,
         graph: &mut ExpressionGraph,
@@ -133,10 +133,10 @@ fn accelerations_per_metre(graph: &mut ExpressionGraph, w: Vector, dw: Vector) -
 pub(super) fn link_wrench(
     graph: &mut ExpressionGraph,
     parameters: &[Expression; 10],
-    motion: &SymbolicMotion,
+    motion: &LinkMotion,
 ) -> (Vector, Vector) {
     let [m, px, py, pz, xx, xy, xz, yy, yz, zz] = *parameters;
-    let (SymbolicMotion { w, dw, a, u }, first_moment) = (motion, [px, py, pz]);
+    let (LinkMotion { w, dw, a, u }, first_moment) = (motion, [px, py, pz]);
     let force = [0, 1, 2].map(|row| {
         let (weight, swing) = (graph.multiply(m, a[row]), graph.dot(u[row], first_moment));
         graph.add(weight, swing)

@@ -6,7 +6,7 @@
 mod load_friction;
 
 use super::expression::{Expression, ExpressionGraph, Function, Node, Vector};
-use super::rigid_body::{AXES, JointFrame, SymbolicMotion, about_axis, link_wrench, name_vector};
+use super::rigid_body::{AXES, JointFrame, LinkMotion, about_axis, link_wrench, name_vector};
 use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::robot::{
     CouplingTerm, FrictionLaw, FrictionTerm, JointIndex, JointKind, Parallelogram, ParameterId,
@@ -205,7 +205,7 @@ impl<'a> TorqueBuilder<'a> {
             self.length(&mut program.graph, robot.gravity[k], about).negated()
         });
         let still = [Expression::Zero; 3];
-        let mut motion = SymbolicMotion { w: still, dw: still, a: gravity, u: [still; 3] };
+        let mut motion = LinkMotion { w: still, dw: still, a: gravity, u: [still; 3] };
         let mut links = Vec::new();
         let mut cranks = Vec::new();
         for (i, parameters) in inertial.iter().enumerate() {
@@ -252,7 +252,7 @@ impl<'a> TorqueBuilder<'a> {
         &mut self,
         graph: &mut ExpressionGraph,
         i: usize,
-        motion: &SymbolicMotion,
+        motion: &LinkMotion,
     ) -> Vec<(Parallelogram, JointFrame, Vector, Vector)> {
         let robot = self.robot;
         let own = robot.parallelograms.iter().filter(|of| of.upper_arm.index() == i);

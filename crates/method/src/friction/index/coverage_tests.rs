@@ -5,13 +5,13 @@ use crate::statistics::distributions::normal_quantile;
 
 /// Result of a series of histories.
 #[derive(Default)]
-struct CoverageTally {
+struct Coverage {
     inside: usize,
     count: usize,
     squares: f64,
 }
 
-impl CoverageTally {
+impl Coverage {
     fn add(&mut self, error: f64, std_error: f64) {
         let z = error / std_error;
         self.inside += usize::from(z.abs() < normal_quantile(0.975));
@@ -32,8 +32,8 @@ impl CoverageTally {
     }
 }
 
-fn tally(seeds: std::ops::Range<u64>, runs: usize, spread: f64, wear: f64) -> [CoverageTally; 2] {
-    let [mut worn, mut healthy] = <[CoverageTally; 2]>::default();
+fn tally(seeds: std::ops::Range<u64>, runs: usize, spread: f64, wear: f64) -> [Coverage; 2] {
+    let [mut worn, mut healthy] = <[Coverage; 2]>::default();
     for seed in seeds {
         let mut arm = Arm::unlike(seed);
         arm.go_on(runs - 4, spread, [0.0; JOINTS]);
@@ -56,8 +56,8 @@ fn tally(seeds: std::ops::Range<u64>, runs: usize, spread: f64, wear: f64) -> [C
 }
 
 /// Short runs at the end of a history, with one worn joint.
-fn short(seeds: std::ops::Range<u64>, cycles: usize) -> (CoverageTally, f64) {
-    let (mut tally, mut errors) = (CoverageTally::default(), 0.0);
+fn short(seeds: std::ops::Range<u64>, cycles: usize) -> (Coverage, f64) {
+    let (mut tally, mut errors) = (Coverage::default(), 0.0);
     for seed in seeds {
         let mut arm = Arm::unlike(seed);
         arm.go_on(12, 1.5, [0.0; JOINTS]);
@@ -83,7 +83,7 @@ fn short(seeds: std::ops::Range<u64>, cycles: usize) -> (CoverageTally, f64) {
 /// Share of 95 % intervals that contain the truth.
 const HONEST: std::ops::RangeInclusive<f64> = 0.93..=0.97;
 
-fn told(name: &str, tally: &CoverageTally) -> f64 {
+fn told(name: &str, tally: &Coverage) -> f64 {
     let (inside, ratio) = tally.result();
     println!(
         "{name}: {} intervals, {:.1} % hold the truth, true over stated error {ratio:.2}",
@@ -96,7 +96,7 @@ fn told(name: &str, tally: &CoverageTally) -> f64 {
 #[test]
 #[ignore = "histories of many arms, seconds each"]
 fn intervals_hold_the_truth() {
-    let mut healthy = CoverageTally::default();
+    let mut healthy = Coverage::default();
     for (runs, spread, wear) in [(24, 1.5, 0.04), (24, 4.0, 0.08), (12, 1.5, 0.04), (12, 0.2, 0.02)] {
         let [worn, of_healthy] = tally(100..112, runs, spread, wear);
         told(&format!("{runs} runs, hall within {spread} K, worn by {wear}"), &worn);
@@ -109,7 +109,7 @@ fn intervals_hold_the_truth() {
 #[test]
 #[ignore = "histories of many arms, seconds each"]
 fn intervals_of_short_runs_are_wider_and_hold_the_truth() {
-    let mut all = CoverageTally::default();
+    let mut all = Coverage::default();
     let mut before = f64::INFINITY;
     for cycles in [2, 3, 5] {
         let (tally, error) = short(200..212, cycles);
