@@ -55,14 +55,14 @@ impl Facts {
         Self { on_rewrite, ..self }
     }
 
-    /// Returns true if a complete run contains everything of the file, which has this size in bytes.
+    /// The complete run that contains everything of the file, which has this size in bytes.
     #[must_use]
-    pub fn is_stored_whole(&self, bytes: u64) -> bool {
+    pub fn stored_whole(&self, bytes: u64) -> Option<i64> {
         let is_whole = |of: &Compared| {
             let is_here = of.same_path || of.same_file;
             is_here && of.run.status == RunStatus::Complete && of.begins_alike && of.read.bytes == bytes
         };
-        self.earlier.iter().any(is_whole)
+        self.earlier.iter().find(|of| is_whole(of)).map(|of| of.run.run_id)
     }
 }
 

@@ -272,8 +272,8 @@ impl Pipeline {
             Decision::Known { .. } => return Ok(Err(Followed::UntilSettled)),
         };
         // a scan that saw it while it was written can come after its end: a complete run stays complete
-        if facts.is_stored_whole(state.bytes) {
-            return Ok(Err(Followed::UntilSettled));
+        if let Some(run_id) = facts.stored_whole(state.bytes) {
+            return Ok(Err(Followed::Outcome(Outcome::AlreadyStored { run_id })));
         }
         if start.continues.is_none()
             && let Some(rejection) = new_robot::question(self, path, recognised).await?

@@ -379,7 +379,9 @@ fn routes_are_tried_by_hand() {
     let told = sink.posted()[0].json();
     assert_eq!(told["alerts"][0]["labels"]["robot"], "TEST");
     assert!(
-        told["alerts"][0]["annotations"]["description"].as_str().is_some_and(|text| text.contains("try"))
+        told["alerts"][0]["annotations"]["description"]
+            .as_str()
+            .is_some_and(|text| text.contains("test of the route"))
     );
     let out = workshop.stdout(&["alerts", "test", "--severity", "critical"], 74);
     assert!(out.contains("gone: NOT SENT to webhook (http://127.0.0.1:9/hook): 127.0.0.1:9: "), "{out}");

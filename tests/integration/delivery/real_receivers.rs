@@ -326,7 +326,7 @@ fn a_mail_has_text_page_and_picture_in_the_language_of_its_route() {
     assert_eq!(mail["subject"], "[armwatch] Warnung: TEST (Zürich), Gelenk 3: Drift der Reibung, neu");
     let (text, page) = (mail["text"].as_str().expect("text"), mail["page"].as_str().expect("a page"));
     for line in [
-        "dies ist ein Versuch der Route, kein Roboter ist gemeint; Reibung bei gleicher Geschwindigkeit und Temperatur läge 24 % über der Referenz des Gelenks",
+        "dies ist ein Test der Route und betrifft keinen Roboter; Reibung bei gleicher Geschwindigkeit und Temperatur läge 24 % über der Referenz des Gelenks",
         "Dringlichkeit: Prüfung einplanen",
         "letzter Test: 1,24, erwartet 1",
     ] {
