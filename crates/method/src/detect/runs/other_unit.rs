@@ -33,7 +33,7 @@ const FEWEST_TESTS: usize = 3;
 const FEWEST_JOINTS: usize = 4;
 /// Least change that counts for this, as a logarithm and in variances. At least half of the joints differ in friction.
 const LEAST_CHANGE: f64 = 0.05;
-const LEAST_SQUARE: f64 = 25.0;
+const LEAST_SQUARE: f64 = 16.0;
 /// Price of a fault of one joint: prior odds of one in a thousand.
 const FAULT_PRICE: f64 = 6.0 * LN_10;
 /// Standard deviation of the usual change that all joints share, and the price of any larger one, such as by another
