@@ -16,6 +16,7 @@ mod joined;
 mod without_result;
 mod health;
 mod next_test;
+mod other_unit;
 pub mod calibration;
 pub mod open_run;
 pub mod window;
@@ -29,13 +30,14 @@ use self::joint_detectors::JOINT_DETECTORS;
 use self::joint_detectors::warm_up::of_common_warm_up;
 use self::judgement::{Judged, Kept};
 use self::next_test::expected_by;
+use self::other_unit::{Separated, separated};
 use self::parts::{Parts, grouped};
 use self::series::JointSeries;
 use self::without_result::without_result;
 use super::episodes::anomalies;
 use armwatch_model::anomaly::peer::Peer;
 use armwatch_model::anomaly::settings::DetectSettings;
-use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary};
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings, Knowledge, RunSummary};
 use armwatch_model::robot::JointIndex;
 
 /// [`detect_among`] for the only robot of its model.
@@ -49,8 +51,7 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
 /// has its own baseline, and anomalies of an earlier one have ended.
 #[must_use]
 pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Findings {
-    let mut parts = Parts::new(history, settings, None);
-    findings(&mut parts, peers)
+    concluded(history, peers, settings, None).0
 }
 
 /// [`detect_among`] with the findings of earlier conclusions in the cycles of tests. The findings are the same. A test
@@ -62,9 +63,31 @@ pub fn detect_with(
     settings: &DetectSettings,
     kept: &Kept,
 ) -> (Findings, Judged) {
-    let mut parts = Parts::new(history, settings, Some(kept));
-    let findings = findings(&mut parts, peers);
-    (findings, parts.judged)
+    concluded(history, peers, settings, Some(kept))
+}
+
+fn concluded(
+    history: &[RunSummary],
+    peers: &[Peer],
+    settings: &DetectSettings,
+    kept: Option<&Kept>,
+) -> (Findings, Judged) {
+    let separated = separated(history, settings);
+    let history = separated.as_ref().map_or(history, |of| &of.history);
+    let mut parts = Parts::new(history, settings, kept);
+    let mut found = findings(&mut parts, peers);
+    let judged = parts.judged;
+    if let Some(Separated { anomalies, tests_of_latest, .. }) = separated {
+        found.anomalies.extend(anomalies);
+        let needed = settings.baseline_runs.max(1);
+        if let Some(tests) = tests_of_latest.filter(|tests| *tests < needed) {
+            for of in found.health.iter_mut().filter(|of| of.knowledge == Knowledge::Compared) {
+                of.knowledge = Knowledge::Learning;
+                of.reason = Some(format!("{tests} of {needed} tests of the baseline"));
+            }
+        }
+    }
+    (found, judged)
 }
 
 fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {

@@ -65,6 +65,7 @@ quantities! {
     PositionOffset "position_offset_rad" RAD, Test Either WithUnit WithUnit "position offset";
     UnexplainedTorque "unexplained_torque" ONE, Test Rise Times Times "torque that the model leaves unexplained, relative to the baseline";
     InertialParameters "inertial_parameters" NONE, Test NoValue Number Number "inertial parameters";
+    ArmIdentity "arm_identity" NONE, Test NoValue Number Number "identity of the arm";
     Contact "contact" ONE, Test Rise Fraction Times "relative RMSD of one cycle, compared with its neighbours";
     TorqueSignal "torque_signal" NONE, Test NoValue Number Number "torque signal";
     PositionSignal "position_signal" NONE, Test NoValue Number Number "position signal";

@@ -1,6 +1,7 @@
 //! Limits of a robot and their consequences.
 
 use super::joint_detectors::friction_drift::judged;
+use super::other_unit::with_units;
 use super::parts::{Parts, grouped};
 use super::series::JointSeries;
 use crate::detect::control_chart::{EWMA_WEIGHT, steady_variance};
@@ -60,6 +61,8 @@ pub struct LevelFigures {
 /// Limits after the tests of `history`, oldest first.
 #[must_use]
 pub fn calibration(history: &[RunSummary], settings: &DetectSettings) -> Calibration {
+    let apart = with_units(history, settings);
+    let history = &apart[..];
     let starts: Vec<_> = history.iter().map(|run| run.started_at).collect();
     let mut parts = Parts::new(history, settings, None);
     let joints = parts.joints;

@@ -8,6 +8,8 @@
 //! while an arm warms. Detectors that need the whole test (the friction index, drift, warm-up, the swing of the RMSD)
 //! run when it is complete. The results are only warnings and critical anomalies.
 
+use std::borrow::Cow;
+
 use super::arm::{arm_evidence, faults, least_advantage as least_advantage_of_arm};
 use super::arm_detectors::arm_change::{UNKNOWN_CHANGE, arm_changes};
 use super::arm_detectors::contact::{UsualContacts, alpha, open_contact};
@@ -17,6 +19,7 @@ use super::curve::run_cause::{RunCause, least_advantage};
 use super::history::like_length::length;
 use super::joint_detectors::friction_step::FrictionStep;
 use super::joint_detectors::friction_swing::FrictionSwing;
+use super::other_unit::with_units;
 use super::series::{JointSeries, RunDetector, friction_history};
 use crate::detect::episodes::anomalies;
 use armwatch_model::anomaly::quantity::Quantity;
@@ -49,6 +52,11 @@ impl UsualTests {
     /// `epochs`.
     #[must_use]
     pub fn new(history: &[RunSummary], joints: usize, epochs: &[u32], settings: &DetectSettings) -> Self {
+        // without maintenance since then, it is of the unit of the latest test
+        let latest = history.last().filter(|latest| latest.epochs == epochs);
+        let apart = latest.map_or(Cow::Borrowed(history), |_| with_units(history, settings));
+        let epochs = latest.and(apart.last()).map_or(epochs, |latest| &latest.epochs);
+        let history = &apart[..];
         let mut curves: Vec<(Vec<usize>, UsualCurves)> = Vec::new();
         let mut of_joints = Vec::with_capacity(joints);
         let ordinal = |epochs: &[u32], joint: usize| epochs.get(joint).copied().unwrap_or(0);
