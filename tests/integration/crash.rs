@@ -78,10 +78,10 @@ impl Material {
         let workshop = small::watching_work();
         let [first, second] = &self.rewritten;
         for export in self.whole.iter().chain(&self.growing).chain([first]) {
-            workshop.add(&export);
+            workshop.add(export);
         }
         workshop.stdout(&["ingest", "inbox"], 1);
-        workshop.add(&second);
+        workshop.add(second);
         fs::copy(workshop.inbox(&self.whole[0].name), workshop.inbox(&self.copy)).expect("copied");
         workshop.stdout(&["ingest", "inbox"], 1);
         let database = workshop.path("armwatch.db");

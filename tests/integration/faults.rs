@@ -61,7 +61,7 @@ static BENCH: LazyLock<Bench> = LazyLock::new(|| {
 
 fn put(workshop: &Workshop, exports: &[Export]) {
     for export in exports {
-        workshop.add(&export);
+        workshop.add(export);
     }
 }
 

@@ -377,7 +377,7 @@ fn every_sqlite_panel_has_rows_of_a_fleet() {
     let workshop = small::workshop();
     let fine = [export("Worn", 1, 5), export("Worn", 2, 6), export("Other", 3, 5)];
     for export in fine.iter().chain([&export("Bad", 4, 5).spoiled()]) {
-        workshop.add(&export);
+        workshop.add(export);
     }
     workshop.stdout(&["ingest", "inbox"], 1);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");

@@ -12,7 +12,7 @@ const RUNS: &str = "SELECT source_name, kind, status FROM runs ORDER BY run_id";
 
 /// Writes a file into the folder and ingests it; returns the standard error.
 fn take(workshop: &Workshop, export: &Export) -> String {
-    workshop.add(&export);
+    workshop.add(export);
     let file = workshop.inbox(&export.name).display().to_string();
     workshop.stderr(&["ingest", &file], 0)
 }
@@ -132,7 +132,7 @@ fn a_recording_without_any_result_does_not_replace_one_with_results() {
 
 /// The explanation of a file before it is ingested.
 fn explained(workshop: &Workshop, export: &Export) -> serde_json::Value {
-    workshop.add(&export);
+    workshop.add(export);
     let file = workshop.inbox(&export.name).display().to_string();
     let out = workshop.stdout(&["explain", &file, "--json", "--quick"], 0);
     serde_json::from_str(out.trim()).expect("one object")

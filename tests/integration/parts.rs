@@ -38,7 +38,7 @@ fn results(workshop: &Workshop) -> String {
 /// Results of the export as one file.
 fn results_of_one_file(export: &Export) -> String {
     let workshop = small::workshop();
-    workshop.add(&export);
+    workshop.add(export);
     workshop.stdout(&["ingest", "inbox"], 0);
     results(&workshop)
 }

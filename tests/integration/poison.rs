@@ -70,7 +70,7 @@ fn an_export_that_ends_the_program_is_quarantined_after_three_attempts_and_other
     // names after the poison's, of the same robot, and of others
     let others = [export("P", 2, 6), export("A", 3, 5), export("Z", 4, 5)];
     for one in &others {
-        workshop.add(&one);
+        workshop.add(one);
     }
     let is_quarantined = || {
         workshop.path("armwatch.db").exists()

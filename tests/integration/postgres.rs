@@ -78,7 +78,7 @@ impl Both {
     }
 
     fn add(&self, export: &Export) {
-        self.workshop.add(&export);
+        self.workshop.add(export);
     }
 }
 

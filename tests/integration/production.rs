@@ -165,7 +165,7 @@ fn what_work_is_held_against_does_not_depend_on_the_order_in_which_files_come() 
 fn a_test_that_is_corrected_is_what_work_is_held_against_from_then_on() {
     let (workshop, [_, test, log, ..]) = (small::watching_work(), history());
     for file in [&test, &log] {
-        workshop.add(&file);
+        workshop.add(file);
     }
     workshop.stdout(&["ingest", "inbox"], 0);
     let checks = "SELECT reference_run_id, group_concat(moving_rmsd_nm) FROM production_checks GROUP BY 1";

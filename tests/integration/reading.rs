@@ -272,7 +272,7 @@ fn the_status_says_what_is_wrong_and_where_nothing_is_known() {
 
     let (healthy, broken) = (export("A", 1, 5), export("B", 2, 5).spoiled());
     for export in [&healthy, &broken] {
-        workshop.add(&export);
+        workshop.add(export);
     }
     workshop.stdout(&["ingest", "inbox"], 1);
     let said = workshop.stdout(&["status"], 0);
