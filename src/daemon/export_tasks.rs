@@ -344,7 +344,7 @@ pub(super) fn closing(followed: &Followed, way: &ReadMode, read: u64) -> Closing
             Closing::Again
         }
         (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
-        (Followed::Outcome(_), ReadMode::Growing) => Closing::Done,
+        (Followed::Outcome(_), ReadMode::Growing) => Closing::Done(read),
         (Followed::Outcome(_), ReadMode::Settled(..)) => Closing::Taken,
     }
 }

@@ -67,8 +67,8 @@ pub struct NextAttempt {
 pub enum Closing {
     /// It was read after it had settled; it is skipped until it changes, or has changed in the meantime.
     Taken,
-    /// It was read to its end while it grew.
-    Done,
+    /// It was read to its end while it grew, as far as this many bytes.
+    Done(u64),
     /// It cannot be processed before it has settled.
     UntilSettled,
     /// It cannot be read further before it has settled or is corrected.
@@ -362,8 +362,11 @@ impl FileSchedule {
                 self.read.insert(due.path.clone().into(), read);
             }
             Closing::Taken => {}
-            // the part that was read is compared with the file when it has settled
-            Closing::Done => entry.done = true,
+            // the part that was read is compared with the file when it has settled, unless it has grown since
+            Closing::Done(read) => {
+                entry.done = true;
+                entry.grown = entry.file == due.file && entry.seen.size > read.max(due.seen.size);
+            }
             Closing::UntilSettled => (entry.waits, entry.looks_again_at) = (true, None),
             Closing::Blocked => entry.block(),
             Closing::Again => entry.settling = Settling::first(entry.seen),

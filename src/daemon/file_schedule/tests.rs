@@ -288,10 +288,28 @@ fn a_writer_that_pauses_longer_is_waited_for_longer() {
         folder.look(10_000 * round);
         if let Some(due) = folder.growing() {
             waits.push(due.patience.as_secs());
-            folder.schedule.close(&due, Closing::Done);
+            folder.schedule.close(&due, Closing::Done(10 + round));
         }
     }
     assert_eq!(waits, [3, 6, 12, 24, 48, 96, 192, 384, 600, 600, 600]);
+}
+
+#[test]
+fn a_file_that_grows_between_its_end_and_the_end_of_its_task_is_read_on() {
+    // bytes that were read, and the size at the scan after that
+    for (read, size, goes_on) in [(20, 20, false), (20, 30, true), (30, 30, false), (0, 20, false)] {
+        let mut folder = ScheduledFolder::new();
+        folder.write("a1", 10);
+        folder.look(0);
+        folder.write("a1", 20);
+        folder.look(1);
+        let due = folder.growing().expect("it grew");
+        folder.write("a1", size);
+        folder.look(2);
+        folder.schedule.close(&due, Closing::Done(read));
+        folder.look(3);
+        assert_eq!(folder.growing().is_some(), goes_on, "{read} of {size} bytes");
+    }
 }
 
 #[test]
