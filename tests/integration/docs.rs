@@ -16,7 +16,7 @@ pub fn repository(path: &str) -> PathBuf {
 }
 
 /// Columns by view, as the sections of `docs/schema.md` name them: a heading with the view in
-/// backticks, then table rows that begin with the column in backticks.
+/// backticks, then table rows that begin with the column, or several, in backticks.
 fn documented() -> BTreeMap<String, BTreeSet<String>> {
     let text = fs::read_to_string(repository("docs/schema.md")).expect("docs/schema.md");
     let mut views: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
@@ -26,9 +26,9 @@ fn documented() -> BTreeMap<String, BTreeSet<String>> {
             view = heading.strip_prefix('`').and_then(|rest| rest.strip_suffix('`')).map(str::to_owned);
             views.extend(view.clone().map(|name| (name, BTreeSet::new())));
         }
-        let column = line.strip_prefix("| `").and_then(|rest| rest.split('`').next());
-        if let (Some(view), Some(column)) = (&view, column) {
-            views.entry(view.clone()).or_default().insert(column.to_owned());
+        let columns = line.strip_prefix("| `").and_then(|rest| rest.split("` |").next());
+        if let (Some(view), Some(columns)) = (&view, columns) {
+            views.entry(view.clone()).or_default().extend(columns.split("`, `").map(str::to_owned));
         }
     }
     views

@@ -53,14 +53,15 @@ def brief(error):
 
 def read_schema(path):
     """Columns with their types by view, as schema.md states them."""
-    views, view = {}, None
+    views, view, common = {}, None, {}
     for line in path.read_text(encoding="utf-8").splitlines():
         if heading := re.match(r"## `(\w+)`$", line):
             view = views.setdefault(heading[1], {})
         elif line.startswith("## "):
-            view = None
-        elif view is not None and (row := re.match(r"\| `(\w+)` \| (integer|real|text) \|", line)):
-            view[row[1]] = row[2]
+            view = common
+        elif view is not None and (row := re.match(r"\| (`\w+`(?:, `\w+`)*) \| (?:(integer|real|text)\b[^|]*)?\|", line)):
+            for column in re.findall(r"\w+", row[1]):
+                view[column] = row[2] or common[column]
     return {name: columns for name, columns in views.items() if columns}
 
 

@@ -40,6 +40,15 @@ pub struct ViewColumn {
     pub meaning: String,
 }
 
+impl ViewColumn {
+    /// The column of a row of the table: its type with unit, its meaning with the condition of NULL.
+    fn new(name: &str, kind: &str, meaning: &str) -> Self {
+        let (kind, unit) = divided(kind, ", ");
+        let (meaning, null_when) = divided(meaning, "; NULL ");
+        Self { name: name.to_owned(), kind, unit, null_when, meaning }
+    }
+}
+
 impl FromRow<'_, EngineRow> for ViewColumn {
     fn from_row(row: &EngineRow) -> sqlx::Result<Self> {
         Ok(Self {
@@ -108,10 +117,12 @@ impl FromRow<'_, EngineRow> for StoredColumns {
     }
 }
 
-/// Reads the sections whose heading is a view in backticks, with a table of its columns: name, type, unit, meaning,
-/// when NULL. The meaning of a row is in the table of all views.
+/// Reads the sections whose heading is a view in backticks, with a table of its columns: names, type with unit, meaning
+/// with the condition of NULL. Names without a type are columns of a table before these sections. The meaning of a row
+/// is in the table of all views.
 fn read(schema: &str) -> Vec<PublicView> {
     let mut views: Vec<PublicView> = Vec::new();
+    let mut common: Vec<ViewColumn> = Vec::new();
     let mut rows_are: Vec<(String, String)> = Vec::new();
     let mut is_view = false;
     for line in schema.lines() {
@@ -125,18 +136,19 @@ fn read(schema: &str) -> Vec<PublicView> {
             }));
         }
         let Some(cells) = line.strip_prefix("| `").and_then(|rest| rest.strip_suffix('|')) else { continue };
-        let cells: Vec<&str> = cells.split('|').map(str::trim).collect();
-        match (cells.as_slice(), views.last_mut()) {
-            ([name, kind, unit, meaning, null_when], Some(view)) if is_view => {
-                view.columns.push(ViewColumn {
-                    name: plain(name),
-                    kind: plain(kind),
-                    unit: Some(plain(unit)).filter(|unit| !unit.is_empty()),
-                    null_when: Some(plain(null_when)).filter(|when| when != "never"),
-                    meaning: plain(meaning),
-                });
+        let cells: Vec<String> = cells.split('|').map(|cell| plain(cell.trim())).collect();
+        match cells.as_slice() {
+            [names, kind, meaning] => {
+                for name in names.split(", ") {
+                    let known = common.iter().find(|of| kind.is_empty() && of.name == name).cloned();
+                    let column = known.unwrap_or_else(|| ViewColumn::new(name, kind, meaning));
+                    match views.last_mut() {
+                        Some(view) if is_view => view.columns.push(column),
+                        _ => common.push(column),
+                    }
+                }
             }
-            ([name, row_is], _) if !is_view => rows_are.push((plain(name), plain(row_is))),
+            [name, row_is] if !is_view => rows_are.push((name.clone(), row_is.clone())),
             _ => {}
         }
     }
@@ -146,6 +158,14 @@ fn read(schema: &str) -> Vec<PublicView> {
         }
     }
     views
+}
+
+/// A text before a separator, and the text after it if there is one.
+fn divided(text: &str, separator: &str) -> (String, Option<String>) {
+    match text.split_once(separator) {
+        Some((first, second)) => (first.to_owned(), Some(second.to_owned())),
+        None => (text.to_owned(), None),
+    }
 }
 
 /// A cell of Markdown as plain text: without backticks, and links without their targets.
@@ -168,10 +188,12 @@ mod tests {
     #[test]
     fn a_table_of_markdown_becomes_columns() {
         let schema = "\
-| view | a row is |\n|---|---|\n| `runs` | an export: see [runs](#runs) |\n\n## `runs`\n\nWords.\n\n\
-| column | type | unit | meaning | NULL |\n|---|---|---|---|---|\n\
-| `rows` | integer | | rows, as `skip_bad` ([layouts.md](layouts.md#bad-rows)) allows | until `complete` |\n\
-| `started_at` | text | UTC | start [5.1] | never |\n\n## Size\n\n| `no` | integer | | column | never |\n";
+| view | a row is |\n|---|---|\n| `runs` | an export: see [runs](#runs) |\n\n## Common columns\n\n\
+| column | type, unit | meaning |\n|---|---|---|\n| `robot` | text | the robot |\n| `joint` | integer | the joint |\n\n\
+## `runs`\n\nWords.\n\n| column | type, unit | meaning |\n|---|---|---|\n\
+| `rows` | integer | rows, as `skip_bad` ([layouts.md](layouts.md#bad-rows)) allows; NULL until `complete` |\n\
+| `robot`, `joint` | | |\n\
+| `first_at`, `last_at` | text, UTC | first and last start [5.1] |\n\n## Size\n\n| `no` | integer | column |\n";
         let views = read(schema);
         assert_eq!(views.len(), 1);
         assert_eq!((views[0].name.as_str(), views[0].row_is.as_str()), ("runs", "an export: see runs"));
@@ -184,7 +206,10 @@ mod tests {
             told,
             [
                 ("rows", None, Some("until complete"), "rows, as skip_bad (layouts.md) allows"),
-                ("started_at", Some("UTC"), None, "start [5.1]"),
+                ("robot", None, None, "the robot"),
+                ("joint", None, None, "the joint"),
+                ("first_at", Some("UTC"), None, "first and last start [5.1]"),
+                ("last_at", Some("UTC"), None, "first and last start [5.1]"),
             ]
         );
     }
