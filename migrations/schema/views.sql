@@ -271,7 +271,8 @@ SELECT blocked_file.robot,
        blocked_file.blocked_at,
        CASE WHEN blocked_file.line IS NULL THEN 'cannot be read since '
             ELSE 'cannot be read beyond line ' || blocked_file.line || ' since ' END
-           || blocked_file.blocked_at || ': ' || blocked_file.problem AS message
+           || substr(blocked_file.blocked_at, 1, 10) || ' ' || substr(blocked_file.blocked_at, 12, 5) || 'Z'
+           || ': ' || blocked_file.problem AS message
 FROM blocked_file;
 
 CREATE VIEW runs AS
@@ -777,7 +778,8 @@ SELECT judged.robot,
            WHEN judged.status = 'unknown' AND judged.misdated_name IS NOT NULL
                THEN 'the date of the latest test, ' || judged.misdated_name || ', cannot be right: it is '
                     || judged.date_problem || '; judged by the tests until '
-                    || coalesce(result.started_at_text, judged.started_at_text)
+                    || substr(coalesce(result.started_at_text, judged.started_at_text), 1, 10)
+                    || ' ' || substr(coalesce(result.started_at_text, judged.started_at_text), 12, 5) || 'Z'
            WHEN judged.status IN ('critical', 'warning') OR judged.status = 'ok' AND judged.reason IS NULL THEN (
                SELECT anomaly.message FROM anomaly
                WHERE anomaly.robot_id = judged.robot_id AND coalesce(anomaly.joint, judged.joint) = judged.joint
@@ -787,8 +789,10 @@ SELECT judged.robot,
                LIMIT 1
            )
            WHEN judged.status = 'overdue'
-               THEN 'no test since that of ' || judged.started_at_text
-                    || '; the next was expected by ' || judged.expected_by
+               THEN 'no test since that of '
+                    || substr(judged.started_at_text, 1, 10) || ' ' || substr(judged.started_at_text, 12, 5)
+                    || 'Z; the next was expected by '
+                    || substr(judged.expected_by, 1, 10) || ' ' || substr(judged.expected_by, 12, 5) || 'Z'
            ELSE judged.reason
        END AS reason,
        judged.expected_by,
