@@ -79,7 +79,7 @@ impl Worker {
             let pause = match self.step_if_ours(&begun).await {
                 Ok(pause) => pause,
                 Err(error @ StoreError::LeaseEnded { .. }) => {
-                    tracing::debug!(route = self.route.name, %error, "the claim on the route is lost; asking for it anew");
+                    tracing::debug!(route = self.route.name, %error, "the claim on the route is lost; claiming it again");
                     STORE_PAUSE
                 }
                 Err(error) => {

@@ -194,8 +194,7 @@ fn as_value(robot: &str, found: &Calibration) -> Value {
 mod tests {
     use super::*;
     use armwatch_method::detect::rate::budget::Budget;
-    use armwatch_method::detect::rate::monitor::Phase;
-    use armwatch_method::detect::runs::calibration::LevelFigures;
+    use armwatch_method::detect::runs::calibration::{LevelFigures, Phase};
     use armwatch_model::anomaly::quantity::Quantity;
     use armwatch_model::robot::JointIndex;
 

@@ -13,7 +13,8 @@
 //! ...
 //! ```
 //!
-//! The published friction of this arm is 8.1 Nm s/rad (`fv`) and 7.0 Nm (`fs`) at joint 1.
+//! The offset `J1_off` is not distinguishable from zero. Gautier, Janot and Vandanjon (2011)
+//! publish 8.1 Nm s/rad (`fv`) and 7.0 Nm (`fs`) for joint 1 of this arm.
 
 #![expect(clippy::print_stdout, reason = "the results of an example")]
 
@@ -43,7 +44,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     for chunk in ExportReader::new(open(&path)?, &path, &layout, &robot, ReadOptions::default())? {
         let mut rows = chunk?.samples;
         side.apply(&mut rows);
-        cutter.push(stages.push(rows).0);
+        let (rows, outside) = stages.push(rows);
+        cutter.push(rows);
+        if let Some(outside) = outside {
+            return Err(outside.into());
+        }
         while let Some(cycle) = cutter.next_cycle()? {
             cycles.push(cycle);
         }

@@ -15,7 +15,6 @@ mod event;
 pub mod fleet;
 mod friction_index;
 mod history;
-pub mod rates;
 pub mod recorded;
 pub mod scenario;
 pub mod score;

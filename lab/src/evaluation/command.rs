@@ -6,11 +6,9 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::exports::{ExportSettings, evaluate_exports};
-use super::rates::print_rates;
 use super::tables::{as_json, as_text, figure};
 use crate::context::LabOptions;
 use crate::evaluate::fleet::{DetectorScore, FleetSettings, evaluate as judge};
-use crate::evaluate::rates::{RateSettings, delays, level_delays, rate_pieces, realised_rates};
 use crate::evaluate::scenario::Scenario;
 use armwatch::cli::context::{CliError, EXIT_DONE};
 use armwatch::cli::shared::output;
@@ -26,10 +24,6 @@ With --through-exports, each test is an export of a simulated arm, which the who
 shipped ER3A by what is drawn for each joint. This is slow: some seconds of a core for each robot. The scenarios are
 those that the simulator has; a robot is watched for a test a day.
 
-With --rates, single series take the place of robots: how often the sequential chart alarms without a shift, against the
-rate that it was asked for, and how late with one, against Lorden's bound. A year has 2920 values;
-delays are of ten times as many series, of a series alone and of one beside all channels of six joints.
-
 Examples:
   armwatch-lab evaluate
   armwatch-lab evaluate --robots 200 --years 2
@@ -38,10 +32,9 @@ Examples:
   armwatch-lab evaluate --robots 300 --plot detection.svg
   armwatch-lab evaluate --through-exports --robots 4
   armwatch-lab evaluate --through-exports --size backlash=0.002 --robots 10
-  armwatch-lab evaluate --rates --robots 500
   armwatch-lab evaluate --json")]
 pub(crate) struct EvaluateArgs {
-    /// Robots of each scenario; with --rates, series of each kind [default: 20, with --through-exports 2]
+    /// Robots of each scenario [default: 20, with --through-exports 2]
     #[arg(help_heading = "What is simulated", long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     robots: Option<u32>,
     /// Simulate exports, and read them with the whole program
@@ -66,13 +59,7 @@ pub(crate) struct EvaluateArgs {
     /// Writes probability and delay of detection over size as a picture, .svg or .html
     #[arg(help_heading = "Results", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
-    /// Realised rates and delays of single series
-    #[arg(help_heading = "Results", long, conflicts_with_all = ["scenario", "size", "years", "plot", "through_exports"])]
-    rates: bool,
 }
-
-/// Number of series that run for a year per series whose delay is measured: a delay takes a hundredth of the work.
-const DELAYS_A_RATE: usize = 10;
 
 fn years(text: &str) -> Result<f64, String> {
     let years: f64 = text.parse().map_err(|_| "takes a number of years, such as 1.5".to_owned())?;
@@ -111,17 +98,8 @@ pub(crate) fn evaluate(global: &LabOptions, args: &EvaluateArgs) -> Result<u8, C
     let usual = if args.through_exports { ROBOTS_WITH_EXPORTS } else { ROBOTS };
     let robots = args.robots.unwrap_or(usual) as usize;
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    if args.rates {
-        let settings = RateSettings { series: robots, seed: args.seed, threads };
-        let bar = progress_bar(rate_pieces(settings.series), "pieces");
-        let rates = realised_rates(&settings, &|| bar.inc(1));
-        bar.finish_and_clear();
-        let late = RateSettings { series: DELAYS_A_RATE * settings.series, ..settings };
-        print_rates(&rates, &delays(&late), &level_delays(), global.json);
-        return Ok(EXIT_DONE);
-    }
     let scenarios = args.scenarios()?;
-    let bar = progress_bar(robots * scenarios.len(), "robots");
+    let bar = progress_bar(robots * scenarios.len());
     let (scores, fleet) = if args.through_exports {
         let fleet =
             format!("{robots} robots a fault, {} tests each through files, seed {}", args.tests, args.seed);
@@ -186,10 +164,10 @@ impl EvaluateArgs {
     }
 }
 
-fn progress_bar(count: usize, of: &str) -> ProgressBar {
+fn progress_bar(count: usize) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {of}, {{eta}} left"));
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} robots, {eta} left");
     ProgressBar::new(count as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

@@ -2,7 +2,6 @@
 
 mod command;
 mod exports;
-mod rates;
 mod tables;
 
 pub(crate) use command::{EvaluateArgs, evaluate};

@@ -1,8 +1,8 @@
 //! The interface of a detector.
 //!
-//! A detector is one file in `runs/joint_detectors/` or `production/`. The file documents the anomaly, the quantity and
-//! the limits, and implements [`Detector`] for a unit struct. `runs/joint_detectors/mod.rs` or `production.rs` has its
-//! `mod` line and its entry in the list of detectors.
+//! A detector of a joint is one file in `runs/joint_detectors/` or `production/`. The file documents the anomaly, the
+//! quantity and the limits, and implements [`Detector`] for a unit struct. `runs/joint_detectors/mod.rs` or
+//! `production.rs` has its entry in the list of detectors. Detectors of the arm are functions in `runs/arm_detectors/`.
 
 use super::verdict::Verdict;
 use armwatch_model::anomaly::AnomalyKind;
@@ -16,7 +16,7 @@ pub(super) trait Detector<Series> {
     /// Kind of the anomalies that it finds.
     fn kind(&self) -> AnomalyKind;
 
-    /// The quantity that it checks. A verdict may name another one.
+    /// The quantity that it checks, unless a verdict names another one.
     fn quantity(&self, series: &Series) -> Quantity;
 
     /// One verdict per entry of the history, in the same order.

@@ -1,5 +1,4 @@
-//! Friction over speed: the laws with their terms, columns, names, units and keys in descriptions. A new law needs a
-//! change of this file and of `docs/robots.md`. `load_friction.rs` has the dependence on load.
+//! Friction over speed: the laws with their terms, columns, names, units and keys in descriptions. `load_friction.rs` has the dependence on load.
 
 use super::load_friction::LoadFriction;
 

@@ -3,7 +3,7 @@
 use sqlx::Row;
 
 use super::conclude::ConclusionTransaction;
-use super::figures::joint_summary;
+use super::figures::joint_summary::{self, summary_columns};
 use crate::engine::{Bind, EngineConnection, EngineExecutor, EngineRow, row_of};
 use crate::error::StoreError;
 use crate::handle::Store;
@@ -88,20 +88,16 @@ async fn first_tests(
     robot_id: i64,
     tests: i64,
 ) -> sqlx::Result<Vec<Vec<JointSummary>>> {
-    let rows = sqlx::query(
-        "SELECT early.run_id, summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm,
-                summary.warm_minute, summary.warm_speed_fraction, summary.excitation_friction_nm,
-                summary.excitation_friction_std_error_nm, summary.excitation_minute,
-                summary.excitation_speed_fraction, summary.half_speed_friction_nm,
-                summary.half_speed_std_error_nm, summary.relative_rmsd, summary.rmsd_swing,
-                summary.rmsd_swing_cycles, summary.relative_noise, summary.torque_rms_nm,
-                NULL AS friction_index, NULL AS friction_index_std_error
+    let rows = sqlx::query(concat!(
+        "SELECT early.run_id, ",
+        summary_columns!(),
+        ", NULL AS friction_index, NULL AS friction_index_std_error
          FROM (SELECT run_id, started_at FROM run
                WHERE robot_id = $1 AND status = 'complete' AND kind = 'test'
                ORDER BY started_at, run_id LIMIT $2) AS early
          JOIN run_joint_summary AS summary USING (run_id)
          ORDER BY early.started_at, early.run_id, summary.joint",
-    )
+    ))
     .bind_all((robot_id, tests))
     .try_map(|row: EngineRow| Ok((row.try_get::<i64, _>("run_id")?, joint_summary::of_row(&row)?)))
     .fetch_all(executor)

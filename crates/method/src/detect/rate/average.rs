@@ -149,6 +149,16 @@ mod tests {
         assert!((mean / 200.0 - 1.0).abs() < 4.0 / 4000.0_f64.sqrt(), "{mean}");
     }
 
+    /// The delays in docs/evidence/detection.md, of one of the 45 channels of a robot of six joints that is tested daily.
+    #[test]
+    fn a_shift_of_the_level_is_found_after_the_published_delays() {
+        let half_width = limit(0.4, 365.25 * 45.0) * 0.5;
+        for (shift, tests) in [(1.0, 64.8), (2.0, 6.2), (3.0, 2.8), (5.0, 1.5)] {
+            let found = mean_run_length(0.4, half_width, shift);
+            assert!((found - tests).abs() < 0.06, "{shift}: {found}");
+        }
+    }
+
     #[test]
     fn wide_charts_wait_as_long_as_without_noise() {
         // 0.6^k < 1 - 20/30 with the third value

@@ -8,7 +8,7 @@
 //! multiple of its share: the level (its average and a steady rise), the warm-up (one test, a sum over tests, a jump;
 //! the same for the part common to all joints), and the parameters of the arm (one test and means of up to eight).
 //! Fixed limits, such as that of an oscillation, are outside the budget. Production logs have a separate budget.
-//! `armwatch evaluate` measures the resulting rate.
+//! `armwatch-lab evaluate` measures the resulting rate.
 
 use jiff::Timestamp;
 

@@ -46,15 +46,6 @@ pub struct Prior {
     pub correlation: Estimate,
 }
 
-impl Prior {
-    /// Little knowledge: a scale that is right within a factor of about three, worth three values. A scale that is too
-    /// large delays alarms until some multiple of three values is learnt; one that is too small raises alarms early.
-    #[must_use]
-    pub fn vague(scale: f64) -> Self {
-        Self { scale, worth: 3.0, correlation: Estimate { value: 0.4, std_error: 1.0 } }
-    }
-}
-
 /// Properties of a series, estimated from its values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Likeness {
@@ -243,6 +234,11 @@ mod tests {
 
     use super::*;
 
+    /// Little knowledge: a scale that is right within a factor of about three.
+    fn vague(scale: f64) -> Prior {
+        Prior { scale, worth: 3.0, correlation: Estimate { value: 0.4, std_error: 1.0 } }
+    }
+
     fn series(correlation: f64, count: usize, seed: u64) -> Vec<f64> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut state = 0.0;
@@ -269,7 +265,7 @@ mod tests {
     #[test]
     fn level_scale_and_memory_come_out() {
         for correlation in [0.0, 0.5, 0.9] {
-            let mut whitener = Whitener::new(Prior::vague(0.05));
+            let mut whitener = Whitener::new(vague(0.05));
             series(correlation, 3000, 1).iter().for_each(|value| whitener.learn(*value, 0.0));
             let found = whitener.likeness();
             // four standard errors of each
@@ -285,7 +281,7 @@ mod tests {
     fn scores_are_standard_normal_and_a_prior_that_is_wrong_by_two_is_soon_forgotten() {
         for (scale, from) in [(0.02, 40), (0.01, 300), (0.04, 300)] {
             let all: Vec<f64> = (0..200)
-                .flat_map(|seed| scores(&series(0.3, 400, seed), Prior::vague(scale))[from..].to_vec())
+                .flat_map(|seed| scores(&series(0.3, 400, seed), vague(scale))[from..].to_vec())
                 .collect();
             let n = all.len() as f64;
             let variance = all.iter().map(|z| z * z).sum::<f64>() / n;
@@ -303,7 +299,7 @@ mod tests {
         let mut far = [0.0; 2];
         for _ in 0..40 {
             let values: Vec<f64> = (0..3000).map(|_| rng.sample(student)).collect();
-            let all = scores(&values, Prior::vague(1.0));
+            let all = scores(&values, vague(1.0));
             for (count, part) in far.iter_mut().zip([60..300, 1000..3000]) {
                 let length = part.len() as f64;
                 *count += all[part].iter().filter(|z| z.abs() > 3.0).count() as f64 / length / 40.0;
@@ -311,14 +307,14 @@ mod tests {
         }
         // of normal values, 0.0027 are as far out; the standard error of each is 4e-4 and 2e-4
         assert!(far[0] < 0.0027 && far[0] < far[1] && (far[1] / 0.0027 - 1.0).abs() < 0.3, "{far:?}");
-        let mut whitener = Whitener::new(Prior::vague(1.0));
+        let mut whitener = Whitener::new(vague(1.0));
         (0..3000).for_each(|_| whitener.learn(rng.sample(student), 0.0));
         assert!((whitener.likeness().scale / 2.0_f64.sqrt() - 1.0).abs() < 0.15, "{:?}", whitener.likeness());
     }
 
     #[test]
     fn an_uncertain_value_counts_for_less() {
-        let mut whitener = Whitener::new(Prior::vague(0.05));
+        let mut whitener = Whitener::new(vague(0.05));
         series(0.0, 200, 5).iter().for_each(|value| whitener.learn(*value, 0.0));
         let (sure, unsure) = (whitener.score(7.0, 7.1, 0.0), whitener.score(7.0, 7.1, 0.05));
         assert!(sure > 3.8 && (1.5..2.5).contains(&unsure), "{sure} {unsure}");
@@ -329,7 +325,7 @@ mod tests {
 
     #[test]
     fn the_first_value_says_nothing_and_equal_ones_do_no_harm() {
-        let all = scores(&[3.0; 50], Prior::vague(1.0));
+        let all = scores(&[3.0; 50], vague(1.0));
         assert!(all[0].abs() < 1e-12 && all.iter().all(|z| z.is_finite()), "{all:?}");
     }
 }

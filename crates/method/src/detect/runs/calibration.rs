@@ -5,9 +5,9 @@ use super::other_unit::with_units;
 use super::parts::{Parts, grouped};
 use super::series::JointSeries;
 use crate::detect::control_chart::{EWMA_WEIGHT, steady_variance};
+use crate::detect::rate::OWN_FROM;
 use crate::detect::rate::average::mean_run_length;
 use crate::detect::rate::budget::{Budget, advantage};
-use crate::detect::rate::monitor::{OWN_FROM, Phase};
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
@@ -27,6 +27,29 @@ pub struct Calibration {
     pub tests: usize,
     /// The level of friction of each joint.
     pub joints: Vec<LevelCalibration>,
+}
+
+/// Knowledge that a limit is based on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Almost none.
+    NoHistory,
+    /// A prior, or few tests.
+    Short,
+    /// The joint's own tests.
+    Own,
+}
+
+impl Phase {
+    /// Name for users and in JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoHistory => "no history",
+            Self::Short => "short",
+            Self::Own => "own",
+        }
+    }
 }
 
 /// Limit of the level of a joint's friction.

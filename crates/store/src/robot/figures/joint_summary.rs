@@ -25,23 +25,32 @@ impl SummaryRow {
     }
 }
 
+/// The columns of `run_joint_summary AS summary` that [`of_row`] reads.
+macro_rules! summary_columns {
+    () => {
+        "summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm, summary.warm_minute,
+         summary.warm_speed_fraction, summary.excitation_friction_nm, summary.excitation_friction_std_error_nm,
+         summary.excitation_minute, summary.excitation_speed_fraction, summary.half_speed_friction_nm,
+         summary.half_speed_std_error_nm, summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles,
+         summary.relative_noise, summary.torque_rms_nm"
+    };
+}
+pub(in crate::robot) use summary_columns;
+
 /// Summaries of a run with the latest stored friction index, by joint.
 pub(in crate::robot) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> sqlx::Result<Vec<SummaryRow>> {
-    sqlx::query(
-        "SELECT summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm, summary.warm_minute,
-                summary.warm_speed_fraction, summary.excitation_friction_nm,
-                summary.excitation_friction_std_error_nm, summary.excitation_minute,
-                summary.half_speed_friction_nm, summary.half_speed_std_error_nm, summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
-                summary.rmsd_swing_cycles, summary.relative_noise, summary.torque_rms_nm, summary.estimator,
-                found.friction_index, found.friction_index_std_error
+    sqlx::query(concat!(
+        "SELECT ",
+        summary_columns!(),
+        ", summary.estimator, found.friction_index, found.friction_index_std_error
          FROM run_joint_summary AS summary
          LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
          WHERE summary.run_id = $1
          ORDER BY summary.joint",
-    )
+    ))
     .bind(run_id)
     .try_map(|row: EngineRow| {
         Ok(SummaryRow { summary: of_row(&row)?, estimator: row.try_get("estimator")? })

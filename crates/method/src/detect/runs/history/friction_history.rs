@@ -8,7 +8,7 @@ use nalgebra::DVector;
 
 use super::first_level::{FirstLevels, LEVEL_CHANGE};
 use crate::detect::control_chart::median_variance;
-use crate::detect::rate::monitor::OWN_FROM;
+use crate::detect::rate::OWN_FROM;
 use crate::statistics::descriptive::{median, robust_deviation, standard_deviation};
 use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
 use armwatch_model::anomaly::quantity::Quantity;

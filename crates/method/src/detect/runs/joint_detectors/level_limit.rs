@@ -14,10 +14,10 @@ use std::cell::Cell;
 
 use super::steady_rise::Scatter;
 use crate::detect::control_chart::{EWMA_WEIGHT, Limits};
+use crate::detect::rate::OWN_FROM;
 use crate::detect::rate::average;
 use crate::detect::rate::budget::Budget;
-use crate::detect::rate::chart::{SequentialChart, sure_limit};
-use crate::detect::rate::monitor::OWN_FROM;
+use crate::detect::rate::chart::{self, SequentialChart};
 use crate::detect::rate::whitening::Likeness;
 use crate::detect::runs::history::friction_history::{FrictionHistory, Observed, POOLED_TESTS, Source};
 use crate::detect::runs::history::quiet_scatter::QuietScatter;
@@ -111,7 +111,7 @@ impl LevelLimit {
         let Estimate { value, std_error } = estimate(observed);
         let score = self.scatter.score(self.previous, value, std_error);
         self.previous = value;
-        self.chart.add(score) >= sure_limit(self.alpha.recip()) && !self.overruled && !self.is_bounded
+        self.chart.add(score) >= chart::limit(self.alpha.recip()) && !self.overruled && !self.is_bounded
     }
 
     /// Drops the waiting tests, since a test is out: they may belong to the same change.
