@@ -395,7 +395,7 @@ fn every_document_that_the_sources_name_exists() {
 #[test]
 fn every_path_of_the_architecture_exists() {
     let text = fs::read_to_string(repository("ARCHITECTURE.md")).expect("the page");
-    let path = regex::Regex::new(r"`((?:config|crates|docs|fuzz|lab|src|tests)/[a-zA-Z0-9_/.-]+)`")
+    let path = regex::Regex::new(r"`((?:benches|config|crates|dashboards|docs|examples|fuzz|lab|migrations|packaging|src|tests)/[a-zA-Z0-9_/.-]+)`")
         .expect("a pattern");
     let named: Vec<&str> =
         path.captures_iter(&text).filter_map(|found| found.get(1)).map(|found| found.as_str()).collect();

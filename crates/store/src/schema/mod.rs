@@ -15,7 +15,7 @@ use sqlx::{AssertSqlSafe, Executor, Row};
 use self::dialect::Statement;
 use crate::engine::{Bind, Dialect, EngineConnection, Run};
 
-/// Version of `migrations/schema/`; later changes are written for both engines at once.
+/// Version of the first schema that both engines share; the files of `migrations/` change it.
 const SQUASHED: i64 = 52;
 
 /// Oldest version that can be upgraded.

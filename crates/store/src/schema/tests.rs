@@ -39,6 +39,28 @@ async fn a_file_that_was_brought_up_to_date_has_the_schema_of_a_new_one() {
     }
 }
 
+/// The files of `migrations/` lead from the tables of version 52 to those of a new database.
+#[tokio::test]
+async fn every_change_of_a_table_is_a_migration_too() {
+    let packed = include_bytes!("../../../../tests/fixtures/migrations/0052.tables.sql.zst");
+    let squashed = String::from_utf8(zstd::decode_all(&packed[..]).expect("unpacked")).expect("text");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path).create_if_missing(true);
+    let mut connection =
+        EngineConnection::Sqlite(sqlx::ConnectOptions::connect(&options).await.expect("a connection"));
+    let old = Schema::from_texts(Dialect::Sqlite, &squashed, "", &[]);
+    old.apply(&mut connection, None).await.expect("the schema");
+    connection.close().await.expect("closed");
+    let new = Store::open(&folder.path().join("new.db")).await.expect("a store");
+    let upgraded = Store::open(&path).await.expect("a store");
+    assert_eq!(
+        definitions(&upgraded).await,
+        definitions(&new).await,
+        "migrations/ lacks a change of tables.sql"
+    );
+}
+
 /// The schema of a new database of a later version, which has changed a table and added a view.
 fn later(engine: Dialect) -> Schema {
     let tables = TABLES.replace("    peers_compared INTEGER NOT NULL DEFAULT 0\n", "    peers_compared INTEGER NOT NULL DEFAULT 0,\n    spare INTEGER NOT NULL DEFAULT 1 CHECK (spare IN (0, 1))\n");

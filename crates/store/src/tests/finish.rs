@@ -291,8 +291,7 @@ async fn only_a_robot_that_was_seen_in_time_becomes_overdue_and_a_new_test_ends_
     assert_eq!(store.mark_overdue(day(6)).await.expect("a look"), [], "said once");
     let (status, _, reason) = state().await;
     assert_eq!(status, HealthStatus::Overdue);
-    let words =
-        "no test since that of 2026-01-05 06:00Z; the next was expected by 2026-01-09 06:00Z";
+    let words = "no test since that of 2026-01-05 06:00Z; the next was expected by 2026-01-09 06:00Z";
     assert_eq!(reason.as_deref(), Some(words));
 
     // another conclusion from the same tests changes nothing, a new test does
