@@ -96,6 +96,8 @@ pub struct Start {
     pub read: ContentPrefix,
     /// True if the stored part is read again.
     pub afresh: bool,
+    /// An unfinished run of this file, which the continued run makes superfluous.
+    pub merges: Option<i64>,
 }
 
 /// An unfinished run of a file whose content is stored as another run.
@@ -133,7 +135,11 @@ pub fn decide(facts: &Facts) -> Decision {
     let continues = facts.known.as_ref().map(|known| known.run_id).or(chosen.start.continues);
     let replaces = chosen.start.replaces.filter(|old| Some(*old) != continues);
     let afresh = facts.known.is_some() && facts.retry == Retry::Complete;
-    Decision::Read(Start { continues, replaces, afresh, ..chosen.start })
+    let merges = match chosen.unfinished {
+        Some(Unfinished::Prefix(own)) if Some(own) != continues => Some(own),
+        _ => None,
+    };
+    Decision::Read(Start { continues, replaces, afresh, merges, ..chosen.start })
 }
 
 /// Returns true if the treatment of a known export is final, so that it is not read.
@@ -168,7 +174,8 @@ struct ChosenRun {
 /// unfinished run that was read from the very file that was overwritten. A file number counts only together with the
 /// robot.
 fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
-    let start = Start { continues: None, replaces: None, read: fingerprint::nothing(), afresh: false };
+    let start =
+        Start { continues: None, replaces: None, read: fingerprint::nothing(), afresh: false, merges: None };
     let mut chosen = ChosenRun { start, replaces_here: false, unfinished: None };
     for Compared { run, read, begins_alike, same_path, same_file, same_robot, same_recording } in earlier {
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
@@ -242,7 +249,7 @@ mod tests {
     }
 
     fn reads(continues: Option<i64>, replaces: Option<i64>, read: ContentPrefix) -> Decision {
-        Decision::Read(Start { continues, replaces, read, afresh: false })
+        Decision::Read(Start { continues, replaces, read, afresh: false, merges: None })
     }
 
     #[test]
@@ -332,7 +339,7 @@ mod tests {
         assert_eq!(decide(&again), reads(Some(7), None, none));
         // a complete run that is requested by its number is read from the start; a superseded one stays superseded
         let anew = |of: Facts| decide(&Facts { retry: Retry::Complete, ..of });
-        let start = Start { continues: Some(7), replaces: None, read: none, afresh: true };
+        let start = Start { continues: Some(7), replaces: None, read: none, afresh: true, merges: None };
         for status in [Complete, Quarantined] {
             assert_eq!(anew(of(status, vec![])), Decision::Read(start), "{status:?}");
             let itself = vec![earlier(7, status, "path file alike recording")];
@@ -365,5 +372,9 @@ mod tests {
         assert_eq!(decide(&of(Complete, other)), stands(known(7, Complete), Some(Unfinished::Rewritten(9))));
         let itself = vec![earlier(7, Streaming, "path file alike")];
         assert_eq!(decide(&of(Streaming, itself)), reads(Some(7), None, READ));
+        // also when the content returns from a superseded run
+        let grown = vec![earlier(9, Streaming, "path file alike")];
+        let Decision::Read(found) = decide(&of(Superseded, grown)) else { panic!("not read") };
+        assert_eq!((found.continues, found.merges), (Some(7), Some(9)));
     }
 }

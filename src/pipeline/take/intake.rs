@@ -152,6 +152,9 @@ async fn admit_content(
         content_hash,
         source_bytes,
     );
+    if let (Some(unfinished), Some(run_id)) = (start.merges, start.continues) {
+        pipeline.store().merge_run(unfinished, run_id).await?;
+    }
     let identity = Identity::Content(content_hash);
     let intake = begin(pipeline, path, &recognised, header, identity, start, state).await?;
     if header_before.is_some() {
