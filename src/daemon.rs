@@ -146,7 +146,7 @@ pub async fn watch(
     control: Control,
     mut report: impl FnMut(DaemonEvent<'_>),
 ) -> Result<(), PipelineError> {
-    let Control { claim: _claim, stop, reload, reread } = control;
+    let Control { claim, stop, reload, reread } = control;
     let counts = patiently(&stop, async || Ok(pipeline.store().counts().await?)).await?;
     let Some(StoredCounts { quarantined_runs, open_anomalies, .. }) = counts else { return Ok(()) };
     if quarantined_runs > 0 {
@@ -172,7 +172,7 @@ pub async fn watch(
     let mut work = RunningDaemon::new(pipeline, reread, stop.child_token(), begun_before(&unfinished));
     work.suspect(began, failed);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
-    let watched = work.run_loop(reload, &mut report).await;
+    let watched = work.run_loop(&claim, reload, &mut report).await;
     // after a failure, the other exports finish their cycles too
     work.stop.cancel();
     // an archive without answer is examined at the next start
@@ -258,6 +258,7 @@ impl RunningDaemon {
     /// Scans and reads files until a stop is requested.
     async fn run_loop(
         &mut self,
+        claim: &DaemonClaim,
         mut reload: mpsc::Receiver<()>,
         report: &mut impl FnMut(DaemonEvent<'_>),
     ) -> Result<(), PipelineError> {
@@ -270,6 +271,7 @@ impl RunningDaemon {
         let faults = patiently(&stop, async || Ok(pipeline.store().conclusion_faults().await?)).await?;
         self.take_over_stale(&stale.unwrap_or_default(), &faults.unwrap_or_default());
         let mut manager = ServiceManager::ready(Instant::now());
+        let mut beats = tokio::time::interval(DaemonClaim::BEAT);
         while !self.stop.is_cancelled() {
             let now = Instant::now();
             if std::mem::take(&mut self.is_reloaded) {
@@ -304,6 +306,7 @@ impl RunningDaemon {
                 () = until(next_turn) => {}
                 () = until(next_begin) => folders.begin(Instant::now()),
                 () = until(manager.next_beat()) => manager.beat(Instant::now()),
+                _ = beats.tick() => claim.beat(),
                 () = tokio::time::sleep_until(next_look.into()) => {
                     match self.look(&folders.look()).await {
                         Err(PipelineError::Store(error)) if !error.is_fatal() => {

@@ -13,7 +13,7 @@ use clap::{Parser, Subcommand};
 
 use crate::context::LabOptions;
 use armwatch::cli::context::CliError;
-use armwatch::cli::{execute, parsed};
+use armwatch::cli::{execute, parsed, print_errors};
 
 /// Measure armwatch: detection on simulated fleets, speed and memory
 #[derive(Debug, Parser)]
@@ -59,7 +59,7 @@ enum Benchmark {
 
 fn main() -> ExitCode {
     let cli: LabCli = parsed();
-    execute(&cli.global, -1, || carry_out(&cli))
+    execute(&cli.global, -1, print_errors, || carry_out(&cli))
 }
 
 fn carry_out(cli: &LabCli) -> Result<u8, CliError> {

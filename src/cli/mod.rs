@@ -37,6 +37,7 @@ mod explain;
 mod torque;
 mod verify;
 
+use std::fmt::Display;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
@@ -248,14 +249,32 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(_) => -2,
         _ => -1,
     };
-    execute(&cli.global, usual_verbosity, || carry_out(&cli.global, cli.command))
+    // the end of a daemon is an entry of its log
+    let report = match cli.command {
+        Command::Run(_) => log_errors,
+        _ => print_errors,
+    };
+    execute(&cli.global, usual_verbosity, report, || carry_out(&cli.global, cli.command))
 }
 
-/// Runs `command` with the logs that `global` requests, `usual_verbosity` without -v and -q, and returns the exit
-/// status of the process.
+fn log_errors(errors: &[&dyn Display]) {
+    errors.iter().for_each(|error| tracing::error!("{error}"));
+}
+
+/// Prints the errors of a command, one per line.
+pub fn print_errors(errors: &[&dyn Display]) {
+    if let Some((first, others)) = errors.split_first() {
+        shared::output::print_error(first);
+        others.iter().for_each(|error| shared::output::print_hint(&error.to_string()));
+    }
+}
+
+/// Runs `command` with the logs that `global` requests, `usual_verbosity` without -v and -q, passes its errors to
+/// `report`, and returns the exit status of the process.
 pub fn execute(
     global: &Global,
     usual_verbosity: i8,
+    report: fn(&[&dyn Display]),
     command: impl FnOnce() -> Result<u8, CliError>,
 ) -> ExitCode {
     let verbosity = i8::try_from(global.verbose).unwrap_or(2) - i8::try_from(global.quiet).unwrap_or(2);
@@ -265,12 +284,9 @@ pub fn execute(
         match &error {
             // one line for each, unlike the combined text
             CliError::Config(errors) => {
-                let (first, others) =
-                    errors.0.split_first().map_or((None, &[][..]), |(first, rest)| (Some(first), rest));
-                first.iter().for_each(|problem| shared::output::print_error(problem));
-                others.iter().for_each(|problem| shared::output::print_hint(&problem.to_string()));
+                report(&errors.0.iter().map(|problem| problem as &dyn Display).collect::<Vec<_>>());
             }
-            error => shared::output::print_error(error),
+            error => report(&[error]),
         }
         error.exit_code()
     });

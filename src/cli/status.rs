@@ -11,11 +11,11 @@ use super::alerts::anomaly_texts;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::joints::{named, reasons};
 use super::shared::output;
-use armwatch_config::Recognition;
+use armwatch_config::{Config, Recognition};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
-    AlarmState, AnomalyRow, BlockedFile, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
+    AlarmState, AnomalyRow, BlockedFile, DaemonState, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
     QuarantineRow, RunRow, Store, StoredCounts, UnansweredFolder, time_in_views,
 };
 
@@ -50,6 +50,8 @@ struct FleetGlance {
     runs: Vec<RunRow>,
     /// Daemons of a database on a server that have a name.
     hosts: Vec<HostRow>,
+    /// The daemon of a database in a file; `None` on a server.
+    daemon: Option<DaemonState>,
     /// Watched folders that do not answer.
     unanswered: Vec<UnansweredFolder>,
     /// Tests that are the only one of their robot, and whose names the pattern of file names does not match.
@@ -61,7 +63,7 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
     let now = Timestamp::now();
     let fleet = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let fleet = FleetGlance::read(&store, &config.recognition, now).await;
+        let fleet = FleetGlance::read(&store, &config, now).await;
         store.close().await?;
         fleet
     })?;
@@ -84,7 +86,8 @@ fn host_in_words(row: &HostRow) -> String {
 }
 
 impl FleetGlance {
-    async fn read(store: &Store, recognition: &Recognition, now: Timestamp) -> Result<Self, CliError> {
+    async fn read(store: &Store, config: &Config, now: Timestamp) -> Result<Self, CliError> {
+        let is_on_server = config.database_file().is_none();
         let mut open = anomaly_texts::all(store, now).await?;
         let answered = ANSWERED
             .map(|state| open.iter().filter(|row| is_alarm(row.severity) && row.state == state).count());
@@ -96,8 +99,9 @@ impl FleetGlance {
         hosts.retain(|row| !row.host.is_empty());
         let runs = store.runs().await?;
         Ok(Self {
-            unmatched: unmatched(&runs, recognition),
+            unmatched: unmatched(&runs, &config.recognition),
             hosts,
+            daemon: if is_on_server { None } else { Some(store.daemon().await?) },
             unanswered: store.unanswered_folders().await?,
             counts: store.counts().await?,
             health: store.fleet_health().await?,
@@ -146,6 +150,16 @@ impl FleetGlance {
         if !self.hosts.is_empty() {
             let hosts: Vec<String> = self.hosts.iter().map(host_in_words).collect();
             output::line(&format!("daemons     {}", hosts.join(", ")));
+        }
+        match self.daemon {
+            Some(DaemonState::Absent) => {
+                output::line("daemon      none runs on this database; `armwatch run` reads new exports");
+            }
+            Some(DaemonState::SilentSince(since)) => {
+                let since = anomaly_texts::minute(since);
+                output::line(&format!("daemon      no sign of life since {since}: it hangs or was stopped"));
+            }
+            Some(DaemonState::AtWork) | None => {}
         }
         for of in &self.unanswered {
             let host = if of.host.is_empty() { String::new() } else { format!("{}: ", of.host) };
@@ -241,6 +255,7 @@ impl FleetGlance {
         FleetJson {
             unanswered_folders: &self.unanswered,
             hosts: &self.hosts,
+            daemon: self.daemon,
             robots: self
                 .robots()
                 .into_iter()
@@ -267,6 +282,7 @@ impl FleetGlance {
 struct FleetJson<'a> {
     unanswered_folders: &'a [UnansweredFolder],
     hosts: &'a [HostRow],
+    daemon: Option<DaemonState>,
     robots: Vec<RobotJson<'a>>,
     anomalies: &'a [AnomalyRow],
     unmatched_run_ids: &'a [i64],

@@ -4,8 +4,11 @@ use std::fs::{File, Permissions, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
+use jiff::Timestamp;
 use nix::fcntl::OFlag;
+use serde::Serialize;
 
 use super::engine::host_lock::HostLock;
 use super::engine::{Dialect, EnginePool};
@@ -17,16 +20,45 @@ use crate::handle::Store;
 /// Mode of the lock file: a user who can open it can keep the daemon from starting.
 const PRIVATE: u32 = 0o600;
 
+/// Time without a sign of life after which a daemon counts as silent.
+const SILENT_AFTER: Duration = Duration::from_secs(120);
+
+/// The daemon of a database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DaemonState {
+    /// It works.
+    AtWork,
+    /// Its process exists and has shown no sign of life since this time.
+    SilentSince(Timestamp),
+    /// There is none.
+    Absent,
+}
+
 /// A daemon's claim on a database. The operating system releases it when the process ends for any reason. The file next
 /// to the database with the number of the process stays. A server releases the claim with the connection.
 #[derive(Debug)]
 pub struct DaemonClaim {
-    _held: HeldClaim,
+    held: HeldClaim,
+}
+
+impl DaemonClaim {
+    /// Interval of the signs of life, which are written to the time of the lock file.
+    pub const BEAT: Duration = Duration::from_secs(30);
+
+    /// Shows that the daemon works. On a server, its lease does.
+    pub fn beat(&self) {
+        if let HeldClaim::File { locked, .. } = &self.held
+            && let Err(error) = locked.set_modified(SystemTime::now())
+        {
+            tracing::debug!(%error, "the time of the lock file could not be set");
+        }
+    }
 }
 
 #[derive(Debug)]
 enum HeldClaim {
-    File { _locked: File, _inode: Option<InodeLock> },
+    File { locked: File, _inode: Option<InodeLock> },
     Server(HostLock, EnginePool),
 }
 
@@ -57,7 +89,7 @@ impl Store {
                     let host = self.own_host.place().host().to_owned();
                     return Err(StoreError::HostAtWork { path: self.path.to_path_buf(), host });
                 }
-                Ok(DaemonClaim { _held: HeldClaim::Server(lock.clone(), self.writer.clone()) })
+                Ok(DaemonClaim { held: HeldClaim::Server(lock.clone(), self.writer.clone()) })
             }
         }
     }
@@ -75,6 +107,20 @@ impl Store {
                 self.checked(sqlx::query_scalar(daemon).fetch_one(&self.readers).await)
             }
         }
+    }
+
+    /// The daemon of this database, with its last sign of life.
+    pub async fn daemon(&self) -> Result<DaemonState, StoreError> {
+        if !self.has_daemon().await? {
+            return Ok(DaemonState::Absent);
+        }
+        let beaten = std::fs::metadata(lock_file_of(&self.path)).and_then(|lock| lock.modified());
+        let Ok(beaten) = beaten else { return Ok(DaemonState::AtWork) };
+        let is_silent = beaten.elapsed().is_ok_and(|age| age > SILENT_AFTER);
+        Ok(match Timestamp::try_from(beaten) {
+            Ok(since) if is_silent && self.dialect() == Dialect::Sqlite => DaemonState::SilentSince(since),
+            _ => DaemonState::AtWork,
+        })
     }
 }
 
@@ -127,7 +173,9 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
         }
     };
     leave_number(&file);
-    Ok(DaemonClaim { _held: HeldClaim::File { _locked: file, _inode: inode } })
+    let claim = DaemonClaim { held: HeldClaim::File { locked: file, _inode: inode } };
+    claim.beat();
+    Ok(claim)
 }
 
 /// True if a daemon in another process has claimed the database.

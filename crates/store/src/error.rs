@@ -151,7 +151,7 @@ pub enum StoreError {
     /// The open database is no longer the file at its path.
     #[error(
         "database {} was moved, deleted or replaced while it was open ({detail}); nothing more is stored: \
-        start again to use the present file, and stop every program that uses a database before you move or \
+        restore it or a backup and start again, and stop every program that uses a database before you move or \
         restore it",
         .path.display()
     )]

@@ -45,7 +45,7 @@ mod values;
 mod view_columns;
 mod view_reader;
 
-pub use claim::{DaemonClaim, lock_file_of};
+pub use claim::{DaemonClaim, DaemonState, lock_file_of};
 pub use delivery::alarm::AlarmEvent;
 pub use delivery::queue::{Again, DueMessage, RouteState, SendDecision};
 pub use delivery::routes::{EventFate, Held, RouteEntry};

@@ -12,6 +12,7 @@ use sqlx::{ConnectOptions, Connection};
 use super::engine::{
     Dialect, EngineConnectOptions, EngineConnection, EnginePool, EnginePoolOptions, catalog,
 };
+use super::claim::lock_file_of;
 use super::error::StoreError;
 use super::handle::Store;
 use super::open_files::OpenFiles;
@@ -157,6 +158,9 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     }
     if is_snapshot {
         return Err(StoreError::Snapshot { path: path.to_path_buf() });
+    }
+    if !path.exists() {
+        say_new(&path);
     }
     let opened = make_file(&path).map_err(|e| StoreError::not_writable(&path, &e))?;
 
@@ -326,6 +330,19 @@ impl Store {
         let answer =
             sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first").execute(&self.probe);
         self.checked(answer.await).map(|_| ())
+    }
+}
+
+/// Logs that a database is created, with a warning if there was one before.
+fn say_new(path: &Path) {
+    let database = path.display();
+    if lock_file_of(path).exists() {
+        tracing::warn!(
+            %database, "created an empty database: the one that a daemon worked on was deleted or moved; to go on \
+                with it, stop the daemon and restore it or a backup"
+        );
+    } else {
+        tracing::info!(%database, "created the database");
     }
 }
 

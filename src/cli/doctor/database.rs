@@ -4,7 +4,7 @@ use jiff::Timestamp;
 
 use super::finding::DoctorFinding;
 use armwatch_config::{Config, is_on_server, shown_database};
-use armwatch_store::{HostRow, HostState, Store, StoreError};
+use armwatch_store::{DaemonState, HostRow, HostState, Store, StoreError, lock_file_of};
 
 const CHECK: &str = "database";
 
@@ -12,6 +12,11 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<DoctorFinding> {
     let path = shown_database(&config.database);
     let store = match Store::open_existing_as(&config.database, &config.cluster).await {
         Ok(Some(store)) => store,
+        Ok(None) if lock_file_of(&config.database).exists() => {
+            let said = format!("{path} does not exist, and a daemon has worked on it: it was deleted or moved");
+            let remedy = "restore a backup before the daemon starts, which would create an empty database";
+            return vec![DoctorFinding::problem(CHECK, said, remedy)];
+        }
         Ok(None) => {
             return vec![DoctorFinding::ok(
                 CHECK,
@@ -36,8 +41,11 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<DoctorFinding> {
     if is_on_server(&config.database) {
         let said = "the server is responsible for pages: data checksums, pg_amcheck, pg_dump";
         found.push(DoctorFinding::ok("integrity", said));
-    } else if !quick {
-        found.extend(looked_through(&store).await);
+    } else {
+        found.push(daemon(store.daemon().await));
+        if !quick {
+            found.extend(looked_through(&store).await);
+        }
     }
     if let Err(error) = store.close().await {
         found.push(DoctorFinding::warning(CHECK, error, "look again"));
@@ -66,6 +74,21 @@ async fn looked_through(store: &Store) -> Vec<DoctorFinding> {
             vec![DoctorFinding::problem("integrity", said, remedy)]
         }
         Err(error) => vec![DoctorFinding::problem("integrity", error, remedy)],
+    }
+}
+
+/// The daemon of a database in a file.
+fn daemon(state: Result<DaemonState, StoreError>) -> DoctorFinding {
+    const CHECK: &str = "daemon";
+    match state {
+        Ok(DaemonState::AtWork) => DoctorFinding::ok(CHECK, "a daemon works on the database"),
+        Ok(DaemonState::Absent) => DoctorFinding::ok(CHECK, "no daemon runs on the database"),
+        Ok(DaemonState::SilentSince(at)) => DoctorFinding::problem(
+            CHECK,
+            format!("the daemon has shown no sign of life since {at}"),
+            "continue its process if it was stopped; otherwise end it and start it again",
+        ),
+        Err(error) => DoctorFinding::problem(CHECK, error, "check the database"),
     }
 }
 

@@ -391,7 +391,7 @@ mod claims {
     use nix::libc;
 
     use super::*;
-    use crate::claim::lock_file_of;
+    use crate::claim::{DaemonState, lock_file_of};
 
     /// One lock, whatever name the file has.
     #[tokio::test]
@@ -413,7 +413,15 @@ mod claims {
             assert!(matches!(claimed, Err(StoreError::Claimed { .. })), "{name}: {claimed:?}");
         }
         assert!(store.has_daemon().await.unwrap());
+        assert_eq!(store.daemon().await.unwrap(), DaemonState::AtWork);
+        let since = std::time::SystemTime::now() - std::time::Duration::from_secs(600);
+        File::options().write(true).open(&lock).unwrap().set_modified(since).unwrap();
+        let silent = DaemonState::SilentSince(since.try_into().unwrap());
+        assert_eq!(store.daemon().await.unwrap(), silent);
+        claim.beat();
+        assert_eq!(store.daemon().await.unwrap(), DaemonState::AtWork);
         drop(claim);
+        assert_eq!(store.daemon().await.unwrap(), DaemonState::Absent);
         assert!(!store.has_daemon().await.unwrap());
         store.claim().await.unwrap();
     }
