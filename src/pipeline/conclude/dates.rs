@@ -105,7 +105,8 @@ impl Pipeline {
             tracing::warn!(
                 robot = robot.name,
                 run_id = run.run_id,
-                "{} is {date}: {effect}; `armwatch run-date {} --at TIME` corrects its start",
+                "{} is {date}: {effect}; `armwatch run-date {} --at TIME` corrects its start, --as-recorded confirms that \
+                 an export only came late",
                 run.source_name,
                 run.run_id
             );
@@ -236,7 +237,7 @@ impl JudgedDates {
         };
         format!(
             "{latest}the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a \
-             start",
+             start, `--as-recorded` confirms that an export only came late",
             named.join("; ")
         )
     }

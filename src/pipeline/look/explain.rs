@@ -317,7 +317,7 @@ async fn doubts_of(
     if let Some(date) = implausible_dates(&arrivals).pop().flatten() {
         let effect = if date.is_in_order { "the order of arrival counts" } else { "no conclusion uses it" };
         doubts.push(format!(
-            "the start cannot be right: {date}; {effect}, until `armwatch run-date` corrects it"
+            "the start cannot be right: {date}; {effect}, until `armwatch run-date` corrects or confirms it"
         ));
     }
     let boundary = match stored {
