@@ -15,8 +15,8 @@ use armwatch_config::{Config, Recognition};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
-    AlarmState, AnomalyRow, BlockedFile, DaemonState, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
-    QuarantineRow, RunRow, Store, StoredCounts, UnansweredFolder, time_in_views,
+    AlarmState, AnomalyRow, BlockedFile, DaemonState, FaultState, FleetHealthRow, HealthStatus, HostRow,
+    HostState, QuarantineRow, RunRow, Store, StoredCounts, UnansweredFolder, time_in_views,
 };
 
 /// States of alarms that people have answered and that are not closed.

@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection};
 
+use super::claim::lock_file_of;
 use super::engine::{
     Dialect, EngineConnectOptions, EngineConnection, EnginePool, EnginePoolOptions, catalog,
 };
-use super::claim::lock_file_of;
 use super::error::StoreError;
 use super::handle::Store;
 use super::open_files::OpenFiles;

@@ -13,7 +13,8 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<DoctorFinding> {
     let store = match Store::open_existing_as(&config.database, &config.cluster).await {
         Ok(Some(store)) => store,
         Ok(None) if lock_file_of(&config.database).exists() => {
-            let said = format!("{path} does not exist, and a daemon has worked on it: it was deleted or moved");
+            let said =
+                format!("{path} does not exist, and a daemon has worked on it: it was deleted or moved");
             let remedy = "restore a backup before the daemon starts, which would create an empty database";
             return vec![DoctorFinding::problem(CHECK, said, remedy)];
         }

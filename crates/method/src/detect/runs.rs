@@ -17,10 +17,12 @@ mod without_result;
 mod health;
 mod next_test;
 mod other_unit;
+mod after_work;
 pub mod calibration;
 pub mod open_run;
 pub mod window;
 
+use self::after_work::extend_persisting;
 use self::arm_detectors::arm_change::arm_changes;
 use self::arm_detectors::common_change::common_changes;
 use self::arm_detectors::contact::contacts;
@@ -106,8 +108,11 @@ fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
     let of_contacts: Vec<Vec<Anomaly>> = of_arm.iter().map(contacts_of).collect();
     let is_of_contact = |of: &Anomaly| of_contacts.iter().flatten().any(|contact| explains(contact, of));
     for (joint, of_joint) in (0..joints).map(JointIndex::new).zip(&of_joints) {
-        for places in of_joint {
-            let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
+        let is_of_latest =
+            |places: &&Vec<usize>| places.last().is_some_and(|place| place + 1 == history.len());
+        let after = of_joint.iter().find(is_of_latest);
+        for (ordinal, places) in of_joint.iter().enumerate() {
+            let is_latest = is_of_latest(&places);
             let Some(part) = parts.of(places) else { continue };
             let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
             let series = JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings)
@@ -118,7 +123,16 @@ fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));
             } else {
-                found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+                let is_next = after.is_some_and(|after| of_joint.get(ordinal + 1) == Some(after));
+                let is_learning = |after: &&Vec<usize>| {
+                    parts.of(after).is_some_and(|part| part.friction[joint.index()].is_learning())
+                };
+                let after = after.filter(|_| is_next).filter(is_learning);
+                let tests =
+                    |places: &[usize]| places.iter().map(|place| &history[*place]).collect::<Vec<_>>();
+                let persisting = after.map_or_else(Vec::new, |after| tests(after));
+                extend_persisting(&mut found, joint, &tests(places), &persisting, settings);
+                found.iter_mut().for_each(|anomaly| anomaly.ended = anomaly.last_run_id != latest.run_id);
             }
             findings.anomalies.extend(found);
         }
