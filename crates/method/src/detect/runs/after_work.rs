@@ -36,7 +36,7 @@ pub(super) fn extend_persisting(
     let changes = [latest_before, after].map(|tests| change(joint, baseline, tests, latest));
     let [Some(was), Some(is)] = changes else { return };
     let remains =
-        was * is > 0.0 && is.abs() >= (REMAINING * was.abs()).max(settings.drift_warning_fraction.ln_1p());
+        was * is > 0.0 && is.abs() >= (REMAINING * was.abs()).max(settings.drift_warning.ln_1p());
     let is_of_friction = |of: &&mut Anomaly| {
         matches!(of.kind, AnomalyKind::Drift | AnomalyKind::Step)
             && of.quantity.is_of_one_cause(Quantity::FrictionIndex)
