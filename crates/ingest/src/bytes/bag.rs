@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-use mcap::parse_record;
-use mcap::records::Record;
+use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::joint_state::{Encoding, JointStateMessage};
@@ -48,7 +47,54 @@ pub(super) struct BagText<R> {
 /// A request of the reader of records.
 enum ReaderRequest {
     Read(usize),
-    Take(Box<Record<'static>>),
+    Take(BagRecord),
+}
+
+/// Parts of the records that describe and contain joint states.
+enum BagRecord {
+    Schema { id: u16, name: String },
+    Channel { id: u16, schema: u16, topic: String, encoding: String },
+    Message { channel: u16, log_time: u64, data: Vec<u8> },
+    Other,
+}
+
+impl BagRecord {
+    /// Reads a record. `None` if a length in it is beyond its end; `mcap` would allocate that length.
+    fn read(opcode: u8, mut data: &[u8]) -> Option<Self> {
+        let data = &mut data;
+        Some(match opcode {
+            op::SCHEMA => Self::Schema { id: u16::from_le_bytes(array(data)?), name: string(data)? },
+            op::CHANNEL => Self::Channel {
+                id: u16::from_le_bytes(array(data)?),
+                schema: u16::from_le_bytes(array(data)?),
+                topic: string(data)?,
+                encoding: string(data)?,
+            },
+            op::MESSAGE => {
+                let channel = u16::from_le_bytes(array(data)?);
+                let _sequence = array::<4>(data)?;
+                let log_time = u64::from_le_bytes(array(data)?);
+                let _publish_time = array::<8>(data)?;
+                Self::Message { channel, log_time, data: data.to_vec() }
+            }
+            _ => Self::Other,
+        })
+    }
+}
+
+/// Takes the first bytes of `data`.
+fn array<const N: usize>(data: &mut &[u8]) -> Option<[u8; N]> {
+    let (first, rest) = data.split_first_chunk()?;
+    *data = rest;
+    Some(*first)
+}
+
+/// Takes a string with its length from the beginning of `data`.
+fn string(data: &mut &[u8]) -> Option<String> {
+    let length = usize::try_from(u32::from_le_bytes(array(data)?)).ok()?;
+    let (text, rest) = data.split_at_checked(length)?;
+    *data = rest;
+    Some(String::from_utf8_lossy(text).into_owned())
 }
 
 struct Topic {
@@ -90,17 +136,18 @@ impl<R: Read> BagText<R> {
             let step = match self.reader.next_event() {
                 None => return self.end(),
                 Some(Ok(LinearReadEvent::ReadRequest(wanted))) => Ok(ReaderRequest::Read(wanted)),
-                Some(Ok(LinearReadEvent::Record { data, opcode })) => parse_record(opcode, data)
-                    .map(|record| ReaderRequest::Take(Box::new(record.into_owned()))),
-                Some(Err(error)) => Err(error),
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => BagRecord::read(opcode, data)
+                    .map(ReaderRequest::Take)
+                    .ok_or_else(|| "a length in a record is beyond its end".to_owned()),
+                Some(Err(error)) => Err(error.to_string()),
             };
             match step {
-                Ok(ReaderRequest::Take(record)) => self.take(&record),
+                Ok(ReaderRequest::Take(record)) => self.take(record),
                 Ok(ReaderRequest::Read(wanted)) => {
                     let count = self.file.read(self.reader.insert(wanted.min(READ_BYTES)))?;
                     self.reader.notify_read(count);
                 }
-                Err(error) => return self.end_early(&error.to_string()),
+                Err(error) => return self.end_early(&error),
             }
         }
         Ok(())
@@ -117,24 +164,23 @@ impl<R: Read> BagText<R> {
         Ok(())
     }
 
-    fn take(&mut self, record: &Record<'_>) {
+    fn take(&mut self, record: BagRecord) {
         match record {
-            Record::Schema { header, .. } if TYPES.contains(&header.name.as_str()) => {
-                self.schemas.insert(header.id);
+            BagRecord::Schema { id, name } if TYPES.contains(&name.as_str()) => {
+                self.schemas.insert(id);
             }
-            Record::Channel(channel) if self.schemas.contains(&channel.schema_id) => {
-                if let Some(encoding) = Encoding::named(&channel.message_encoding) {
-                    let topic = Topic { name: channel.topic.clone(), encoding, messages: 0 };
-                    self.channels.entry(channel.id).or_insert(topic);
+            BagRecord::Channel { id, schema, topic, encoding } if self.schemas.contains(&schema) => {
+                if let Some(encoding) = Encoding::named(&encoding) {
+                    self.channels.entry(id).or_insert(Topic { name: topic, encoding, messages: 0 });
                 }
             }
-            Record::Message { header, data } => {
-                let Some(topic) = self.channels.get_mut(&header.channel_id) else { return };
-                let Some(state) = JointStateMessage::read(data, topic.encoding) else { return };
+            BagRecord::Message { channel, log_time, data } => {
+                let Some(topic) = self.channels.get_mut(&channel) else { return };
+                let Some(state) = JointStateMessage::read(&data, topic.encoding) else { return };
                 topic.messages += 1;
-                self.add(header.channel_id, header.log_time, &state);
+                self.add(channel, log_time, &state);
             }
-            _ => {}
+            BagRecord::Schema { .. } | BagRecord::Channel { .. } | BagRecord::Other => {}
         }
     }
 
@@ -223,4 +269,20 @@ impl<R: Read> Read for BagText<R> {
 /// A name as a part of a header.
 pub(super) fn cell(name: &str) -> String {
     name.replace([',', '"', '\n', '\r', '\0'], "_")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_length_beyond_the_end_of_its_record_is_damage() {
+        let schema = [&[1, 0, 4, 0, 0, 0][..], b"name"].concat();
+        assert!(matches!(BagRecord::read(op::SCHEMA, &schema), Some(BagRecord::Schema { id: 1, .. })));
+        let long = [&[1, 0, 0xff, 0xff, 0xff, 0x7f][..], b"name"].concat();
+        assert!(BagRecord::read(op::SCHEMA, &long).is_none());
+        assert!(BagRecord::read(op::MESSAGE, &schema).is_none());
+        // records that are not needed are not read
+        assert!(matches!(BagRecord::read(op::CHUNK_INDEX, &long), Some(BagRecord::Other)));
+    }
 }

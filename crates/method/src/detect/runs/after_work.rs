@@ -35,8 +35,7 @@ pub(super) fn extend_persisting(
     let latest_before = &before[before.len().saturating_sub(LATEST_BEFORE)..];
     let changes = [latest_before, after].map(|tests| change(joint, baseline, tests, latest));
     let [Some(was), Some(is)] = changes else { return };
-    let remains =
-        was * is > 0.0 && is.abs() >= (REMAINING * was.abs()).max(settings.drift_warning.ln_1p());
+    let remains = was * is > 0.0 && is.abs() >= (REMAINING * was.abs()).max(settings.drift_warning.ln_1p());
     let is_of_friction = |of: &&mut Anomaly| {
         matches!(of.kind, AnomalyKind::Drift | AnomalyKind::Step)
             && of.quantity.is_of_one_cause(Quantity::FrictionIndex)
