@@ -95,12 +95,45 @@ async function looksRight(name, hash) {
     const { page, context } = await open(hash, { width, scheme });
     await settle(page);
     await page.screenshot({ path: `${out}/${name}-${look}.png`, fullPage: true });
+    const failed = await page.$$eval(".failure", (all) => all.map((one) => one.textContent));
+    check(failed.length === 0, `${name} ${look} shows all its parts`, failed.join("; "));
     const tooWide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
     check(tooWide <= 0, `${name} ${look} fits the width`, tooWide > 0 ? `${tooWide} px too wide` : "");
     await page.evaluate(AXE);
     const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} x${one.nodes.length} (${one.nodes[0].target.join(" ")} ${one.nodes[0].failureSummary?.split("\n")[1] ?? ""})`)));
     check(found.length === 0, `${name} ${look} has no violations of axe`, found.join("; "));
     check(page.problems.length === 0, `${name} ${look} has a clean console`, page.problems.join("; "));
+    await context.close();
+  }
+}
+
+/** Pages with robots and alarms in every state. The daemon's answer is changed on its way to the page. */
+async function everyState() {
+  if (!alarm) return;
+  const ofArm = { ...alarm, joint: null, kind: "payload", quantity: "load_kg", unit: "kg", value: 0.8, baseline: 0 };
+  const states = ["open", "acknowledged", "shelved", "maintenance", "resolved", "false_alarm"];
+  const cases = ["critical", "warning", "overdue", "unknown", "learning", "ok"].flatMap((status) => [
+    [`all joints ${status} and an alarm of the arm`, (joint) => ({ ...joint, status }), [ofArm]],
+    [`joint 1 ${status}, the others learning, and an alarm of the arm`, (joint) => ({ ...joint, status: joint.joint === 1 ? status : "learning", friction_index: null }), [ofArm]],
+  ]).concat(states.map((state) => [`alarms ${state}`, (joint) => joint, [{ ...ofArm, state }, { ...alarm, state, provisional: 1, onset_at: null, score: null, threshold: null }]]));
+  const rank = ["critical", "warning", "overdue", "unknown", "learning", "ok"];
+  for (const [name, change, anomalies] of cases) {
+    const robots = fleet.robots.map((one) => {
+      const joints = one.joints.map(change);
+      const worst = [...joints.map((joint) => joint.status), ...anomalies.filter((of) => of.robot === one.robot).map((of) => of.severity)];
+      return { ...one, joints, status: rank.find((status) => worst.includes(status)) ?? "unknown", model: null, expected_by: "2020-01-01T00:00:00.000Z" };
+    });
+    const { page, context } = await open("about:blank");
+    await page.setRequestInterception(true);
+    page.on("request", (request) => (/\/v1\/fleet/.test(request.url())
+      ? request.respond({ contentType: "application/json", body: JSON.stringify({ ...fleet, robots, anomalies }) }) : request.continue()));
+    for (const hash of ["#/wall", "#/", `#/robot/${encodeURIComponent(alarm.robot)}`]) {
+      await page.goto(new URL(hash, base).href);
+      await settle(page);
+      const failed = await page.$$eval(".failure", (all) => all.map((one) => one.textContent));
+      check(failed.length === 0 && page.problems.length === 0, `${name}: ${hash} shows all its parts`, [...failed, ...page.problems].join("; "));
+      page.problems.length = 0;
+    }
     await context.close();
   }
 }
@@ -473,7 +506,7 @@ await mkdir(out, { recursive: true });
 try {
   const checks = {
     looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
-    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
+    states: everyState, paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     first: async () => { for (const [language, name] of Object.entries({ en: "Fleet", ...LANGUAGES })) await firstPage(language, name); },
     languages, notes: options.act ? notes : () => {}, drop: dropped, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };

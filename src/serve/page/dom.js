@@ -98,6 +98,14 @@ function csv(rows) {
   return [names, ...rows.map((row) => names.map((name) => row[name]))].map((row) => row.map(cell).join(",")).join("\r\n");
 }
 
+const told = new WeakSet();
+/** Writes a fault of the page itself to the console. A request that failed shows on the page. */
+export function logFault(error) {
+  if (error.status !== undefined || error.name === "AbortError" || told.has(error)) return;
+  told.add(error);
+  console.error(error);
+}
+
 let announcing;
 export function announce(text) {
   const node = document.getElementById("announce");

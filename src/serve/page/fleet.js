@@ -277,6 +277,7 @@ export function mount({ main, query, choose, title }) {
   }
 
   async function refresh() {
+    const first = data === null;
     try {
       const fresh = await fleet();
       if (gone) return;
@@ -284,7 +285,7 @@ export function mount({ main, query, choose, title }) {
       data = fresh;
       draw();
     } catch (error) {
-      if (!gone && (data === null || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, t`Fleet`), failed(error, () => refresh().catch(() => {})));
+      if (!gone && (first || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, t`Fleet`), failed(error, () => refresh().catch(() => {})));
       throw error;
     }
   }

@@ -1,5 +1,5 @@
 import { headers } from "./api.js";
-import { announce } from "./dom.js";
+import { announce, logFault } from "./dom.js";
 import { span } from "./format.js";
 import { t } from "./messages.js";
 
@@ -44,7 +44,9 @@ export function follow({ changed, note }) {
     try {
       await changed();
       fresh = Date.now();
-    } catch { /* The page shows it. */ }
+    } catch (error) {
+      logFault(error);
+    }
     setTimeout(() => { busy = false; run(); }, Math.max(0, began + PAUSE_MS - Date.now()));
   }
 

@@ -1,4 +1,4 @@
-import { h, replace } from "./dom.js";
+import { h, logFault, replace } from "./dom.js";
 import { mayAskAgain } from "./api.js";
 import { t } from "./messages.js";
 
@@ -62,6 +62,7 @@ export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, 
       show(draw(data, fresh), fresh);
     } catch (error) {
       if (gone || error.name === "AbortError") return;
+      logFault(error);
       // Shown data stay: the note next to the page's name gives their age.
       if (seen !== null && error.status === 0) throw error;
       seen = null;

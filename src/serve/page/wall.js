@@ -4,7 +4,7 @@ import { alarmsOf, jointLook, robotLink, staleSince, watchedNote, worstFirst } f
 import { moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { jointName, known, STATUSES, statusName } from "./status.js";
+import { jointName, kindName, known, STATUSES, statusName } from "./status.js";
 
 /** The fleet on a screen at the wall: one tile per robot, the worst first, without scrolling for 60 robots. */
 export function mount({ main, title }) {
