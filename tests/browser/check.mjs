@@ -71,7 +71,7 @@ async function open(hash, { width = 1280, scheme = "light", token = options.toke
 async function settle(page) {
   await page.waitForSelector("main h1", { timeout: SETTLE_MS, polling: 50 });
   const loaded = await page.waitForFunction(() => {
-    const waiting = [...document.querySelectorAll(".page-note")].find((one) => one.textContent === "Loading" && one.offsetParent !== null);
+    const waiting = [...document.querySelectorAll(".loading")].find((one) => one.offsetParent !== null);
     waiting?.scrollIntoView({ block: "center" });
     return !waiting;
   }, { timeout: SETTLE_MS, polling: 50 }).catch(() => null);
@@ -307,6 +307,41 @@ async function connectionLost() {
   await context.close();
 }
 
+/** The daemon is there and answers nothing. Changing between tabs must not put off the note that the page is not live. */
+async function connectionHangs() {
+  const { page, context } = await open("#/");
+  const connection = () => page.$eval(".connection", (one) => one.textContent);
+  await page.waitForSelector(".connection.live", { timeout: SETTLE_MS, polling: 50 });
+  const client = await page.createCDPSession();
+  await client.send("Fetch.enable", { patterns: [{ urlPattern: "*/v1/*" }] });
+  const hidden = (is) => page.evaluate((value) => {
+    Object.defineProperty(document, "hidden", { value, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, is);
+  const began = Date.now();
+  while (Date.now() - began < 45_000 && await connection() === "Live") {
+    await hidden(true);
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+    await hidden(false);
+    await new Promise((resolve) => setTimeout(resolve, 2000));
+  }
+  check(/^Not live/.test(await connection()), "a silent daemon is said while tabs change", `${await connection()} after ${Math.round((Date.now() - began) / 1000)} s`);
+  await client.send("Fetch.disable");
+  await page.waitForSelector(".connection.live", { timeout: 40_000, polling: 50 });
+  await hidden(true);
+  await client.send("Fetch.enable", { patterns: [{ urlPattern: "*/v1/*" }] });
+  await new Promise((resolve) => setTimeout(resolve, 31_000));
+  await hidden(false);
+  check(/^Not live/.test(await connection()), "a page that was hidden for long says at once that it is not live", await connection());
+  for (const hash of ["#/alarms", `#/robot/${encodeURIComponent(fleet.robots[0]?.robot ?? "R01")}`]) {
+    await page.evaluate((to) => { location.hash = to; }, hash);
+    const said = await page.waitForFunction(() => [...document.querySelectorAll(".loading")].some((one) => one.offsetParent !== null && /^No answer/.test(one.textContent)), { timeout: 8000, polling: 100 }).catch(() => null);
+    check(said !== null, `${hash} says that there is no answer yet`);
+  }
+  await page.screenshot({ path: `${out}/hangs.png` });
+  await context.close();
+}
+
 async function staysOnChange() {
   if (!alarm) return;
   const { page, context } = await open(`#/alarm/${alarm.anomaly_id}`);
@@ -506,7 +541,7 @@ await mkdir(out, { recursive: true });
 try {
   const checks = {
     looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
-    states: everyState, paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
+    states: everyState, paint: paintsSoon, keyboard, lost: connectionLost, hangs: connectionHangs, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     first: async () => { for (const [language, name] of Object.entries({ en: "Fleet", ...LANGUAGES })) await firstPage(language, name); },
     languages, notes: options.act ? notes : () => {}, drop: dropped, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };
