@@ -407,6 +407,8 @@ async function answers() {
     await page.waitForFunction(() => document.querySelector("dialog") === null, { timeout: SETTLE_MS, polling: 50 });
     const state = (await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0]?.state;
     check(state === { acknowledge: "acknowledged", shelve: "shelved", resolve: "resolved", "false-alarm": "false_alarm" }[name], `${name} is done`, state);
+    const notices = await page.$$eval(".toast", (all) => all.map((one) => one.textContent));
+    check(notices.length === 1, `${name} leaves one notice`, notices.join("; "));
     if (name === "false-alarm") continue;
     // Undo gives the state of before, then the answer is given again for the next one.
     await click(".toast:last-child button");
@@ -421,6 +423,17 @@ async function answers() {
   await click('dialog button[type="submit"]');
   await page.waitForFunction(() => document.querySelector(".head-line b")?.textContent === "open", { timeout: SETTLE_MS, polling: 50 });
   check(true, "a false alarm is reopened");
+  await page.evaluate((to) => { location.hash = to; }, `#/robot/${encodeURIComponent(open_.robot)}`);
+  await settle(page);
+  check((await page.$$(".toast")).length === 1, "the latest notice follows to another page");
+  await page.goBack();
+  await settle(page);
+  const headers = { "Content-Type": "application/json", ...(options.token ? { Authorization: `Bearer ${options.token}` } : {}) };
+  await fetch(new URL(`v1/anomalies/${open_.anomaly_id}/acknowledge`, base), { method: "POST", headers, body: JSON.stringify({ who: "B. Tester" }) });
+  check(await page.waitForFunction(() => document.querySelector(".toast") === null, { timeout: 5000, polling: 50 }).then(() => true, () => false), "a notice goes when another person changes the state");
+  await click('[data-key="reopen"]');
+  await click('dialog button[type="submit"]');
+  await page.waitForFunction(() => document.querySelector(".head-line b")?.textContent === "open", { timeout: SETTLE_MS, polling: 50 });
   await new Promise((resolve) => setTimeout(resolve, 1500));
   await page.screenshot({ path: `${out}/acted.png`, fullPage: true });
   check(page.problems.length === 0, "actions leave a clean console", page.problems.join("; "));

@@ -40,10 +40,10 @@ async function enter(robot, values, done) {
   const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, {
     who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, at: utc(values.at),
   });
-  toast(t`Work on ${robot} is entered: ${values.what}.`, async () => {
+  toast(t`Work on ${robot} is entered: ${values.what}.`, { about: robot, undo: async () => {
     await remove(`v1/maintenance/${entered.maintenance_id}`);
     done();
-  });
+  } });
 }
 
 /** A button that corrects an entry of work. */
@@ -58,7 +58,7 @@ export function editButton(work, joints, done) {
         at: values.at === local(new Date(work.at)) ? work.at : utc(values.at),
       }),
     })) return;
-    toast(t`The entry is saved.`);
+    toast(t`The entry is saved.`, { about: work.robot });
     done();
   } }, t`Edit`);
 }
@@ -81,7 +81,7 @@ export function windowButton(robot, joints, done) {
         who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, from: utc(values.from), until: utc(values.until),
       }),
     })) return;
-    toast(t`The window is planned.`);
+    toast(t`The window is planned.`, { about: robot });
     done();
   } }, t`Plan maintenance`);
 }
@@ -93,7 +93,7 @@ export function cancelWindowButton(planned, done) {
       title: t`Delete the window: ${planned.what}`, intro: t`Alarms that it alone holds are open again.`,
       fields: [], submit: t`Delete the window`, onsubmit: () => remove(`v1/windows/${planned.maintenance_window_id}`),
     })) return;
-    toast(t`The window is deleted.`);
+    toast(t`The window is deleted.`, { about: planned.robot });
     done();
   } }, t`Delete`);
 }
@@ -121,7 +121,7 @@ export function assignButton(anomaly, people, done) {
       submit: t`Assign`,
       onsubmit: (values) => post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null }),
     })) return;
-    toast(t`The person is noted.`);
+    toast(t`The person is noted.`, { about: anomaly.robot });
     done();
   } }, t`Assign`);
 }
@@ -134,10 +134,10 @@ export function deleteButton(work, done) {
       title: t`Delete this entry`, intro: t`${work.robot}: ${name}. The earlier baseline applies again, and alarms that this entry put into maintenance are open again.`,
       fields: [], submit: t`Delete the entry`, onsubmit: () => remove(`v1/maintenance/${work.maintenance_id}`),
     })) {
-      toast(t`Deleted: ${name}.`, async () => {
+      toast(t`Deleted: ${name}.`, { about: work.robot, undo: async () => {
         await post(`v1/robots/${encodeURIComponent(work.robot)}/maintenance`, { who: work.who ?? "unknown", what: work.what, joint: work.joint, at: work.at });
         done();
-      });
+      } });
       done();
     }
   } }, t`Delete`);
@@ -171,24 +171,24 @@ const nameOf = (one) => `${one.robot}, ${jointName(one.joint)}, ${kindName(one.k
 
 const ACTIONS = {
   acknowledge: {
-    text: t`Acknowledge`, intro: t`Others see that somebody knows of this alarm.`, said: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
+    text: t`Acknowledge`, intro: t`Others see that somebody knows of this alarm.`, said: t`acknowledged`, to: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
   },
   shelve: {
-    text: t`Shelve until`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: "shelved", from: ["open", "acknowledged", "shelved"],
+    text: t`Shelve until`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: t`shelved`, to: "shelved", from: ["open", "acknowledged", "shelved"],
     fields: () => [{
       name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(7), hint: t`In the time zone of this browser.`,
       suggest: [[t`1 day`, inDays(1)], [t`7 days`, inDays(7)], [t`14 days`, inDays(14)], [t`30 days`, inDays(30)]],
     }, whoField(), whyField(t`For example: gearbox comes in two weeks.`)],
   },
   resolve: {
-    text: t`Resolve`, intro: t`The cause is gone. A later test that shows it opens the alarm again.`, said: "resolved", from: ["open", "acknowledged", "shelved", "maintenance"], fields: () => [whoField(), whyField()],
+    text: t`Resolve`, intro: t`The cause is gone. A later test that shows it opens the alarm again.`, said: t`resolved`, to: "resolved", from: ["open", "acknowledged", "shelved", "maintenance"], fields: () => [whoField(), whyField()],
   },
   "false-alarm": {
-    text: t`False alarm`, intro: t`Nothing was wrong. This episode does not open again.`, said: t`marked as a false alarm`, from: ["open", "acknowledged", "shelved", "maintenance", "resolved"],
+    text: t`False alarm`, intro: t`Nothing was wrong. This episode does not open again.`, said: t`marked as a false alarm`, to: "false_alarm", from: ["open", "acknowledged", "shelved", "maintenance", "resolved"],
     fields: () => [whoField(), whyField(t`What was seen on the robot.`)],
   },
   reopen: {
-    text: t`Reopen`, intro: t`Nobody deals with the alarm now.`, said: t`open again`, from: ["acknowledged", "shelved", "maintenance", "resolved", "false_alarm"], fields: () => [whoField(), whyField()],
+    text: t`Reopen`, intro: t`Nobody deals with the alarm now.`, said: t`open again`, to: "open", from: ["acknowledged", "shelved", "maintenance", "resolved", "false_alarm"], fields: () => [whoField(), whyField()],
   },
 };
 
@@ -210,12 +210,12 @@ export function actionButton(name, anomaly, done) {
     onsubmit: async (values) => {
       await send(name, { who: values.who, why: values.why || null, ...(values.until ? { until: utc(values.until) } : {}) });
       const back = BACK[anomaly.state];
-      toast(t`The alarm of ${nameOf(anomaly)} is ${action.said}.`, back ? async () => {
+      toast(t`The alarm of ${nameOf(anomaly)} is ${action.said}.`, { about: anomaly.robot, alarm: anomaly.anomaly_id, state: action.to, undo: back ? async () => {
         // A closed alarm cannot be shelved.
         if (back === "shelve") await send("reopen", { who: values.who, why: "undone" });
         await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: anomaly.shelved_until } : {}) });
         done();
-      } : null);
+      } : null });
     },
   }).then((entered) => { if (entered) done(); }) }, action.text);
 }
@@ -234,10 +234,10 @@ export function dismissButton(fault, done) {
       onsubmit: (values) => post(`v1/quarantine/${fault.run_id}/dismiss`, values),
     });
     if (!dismissed) return;
-    toast(t`${fault.source_name} is dismissed.`, async () => {
+    toast(t`${fault.source_name} is dismissed.`, { about: fault.run_id, undo: async () => {
       await post(`v1/quarantine/${fault.run_id}/retry`, {});
       done();
-    });
+    } });
     done();
   } }, t`Dismiss`);
 }
@@ -248,7 +248,7 @@ export function retryButton(fault, done) {
     button.disabled = true;
     try {
       await post(`v1/quarantine/${fault.run_id}/retry`, {});
-      toast(t`${fault.source_name} is read again at the next scan.`);
+      toast(t`${fault.source_name} is read again at the next scan.`, { about: fault.run_id });
       done();
     } catch (error) {
       toast(error.message);

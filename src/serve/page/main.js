@@ -1,5 +1,5 @@
 import { logIn, logOut, readRights, rights } from "./api.js";
-import { h, logFault, remember, toast } from "./dom.js";
+import { h, keepLastNotice, logFault, remember, toast } from "./dom.js";
 import { follow } from "./live.js";
 import { language, LANGUAGES, t } from "./messages.js";
 import { failed, loading } from "./part.js";
@@ -38,6 +38,7 @@ async function show() {
   const file = PAGES[name];
   page?.destroy();
   page = null;
+  keepLastNotice();
   here = location.hash;
   for (const link of document.querySelectorAll(".bar nav a")) {
     if (link.dataset.page === file) link.setAttribute("aria-current", "page");
