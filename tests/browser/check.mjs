@@ -475,6 +475,20 @@ async function notes() {
   await submit();
   await page.waitForFunction(() => document.querySelector('[data-key^="cancel/"]') === null, { timeout: SETTLE_MS, polling: 50 });
   check((await row()).state === "open", "without the window the alarm is open");
+  const joints = fleet.robots.find((one) => one.robot === of.robot).joints.map((one) => one.joint);
+  const place = () => page.$eval('form select[name="joint"]', (one) => one.value);
+  check(await place() === String(of.joint), "the form suggests the only joint in alarm", await place());
+  await page.goto(new URL(`#/robot/${encodeURIComponent(of.robot)}?tab=runs&joint=${joints.at(-1)}`, base).href);
+  await page.waitForFunction((wanted) => document.querySelector('form select[name="joint"]')?.value === wanted, { timeout: SETTLE_MS, polling: 50 }, String(joints.at(-1)));
+  check(true, "the form suggests the joint that the address names");
+  const calm = fleet.robots.find((one) => !fleet.anomalies.some((anomaly) => anomaly.robot === one.robot));
+  if (calm) {
+    await page.evaluate((to) => { location.hash = to; }, `#/robot/${encodeURIComponent(calm.robot)}?tab=runs`);
+    await page.waitForFunction((name) => document.querySelector("h1")?.textContent === name && document.querySelector('form select[name="joint"]'), { timeout: SETTLE_MS, polling: 50 }, calm.robot);
+    check(await place() === "" && await page.$eval('form select[name="joint"]', (one) => one.required), "the form asks where work was done on a robot without alarms", await place());
+  }
+  await page.goto(new URL(`#/robot/${encodeURIComponent(of.robot)}?tab=runs`, base).href);
+  await settle(page);
   await page.locator('form input[name="what"]').setTimeout(SETTLE_MS).fill("grease renewed");
   await click('form button[type="submit"]');
   await click('[data-key^="edit/"]');

@@ -27,18 +27,28 @@ const inDays = (days) => local(new Date(Date.now() + days * 86_400_000));
 const utc = (text) => (text ? new Date(text).toISOString() : null);
 const whyField = (hint) => ({ name: "why", label: t`Reason`, hint });
 
-function maintenanceFields(joints, joint, when) {
+const ARM = "arm";
+/** How a place stands in the form: a joint, null for the whole arm, or undefined if nothing suggests one. */
+const optionOf = (joint) => (joint === null ? ARM : joint ?? "");
+const placeOf = (values) => (values.joint === ARM ? null : Number(values.joint));
+
+function placeField(joints, joint) {
+  return { name: "joint", label: t`Where`, required: true, value: optionOf(joint),
+    options: [...(joint === undefined ? [["", t`Choose`]] : []), [ARM, t`whole arm`], ...joints.map((one) => [one, jointName(one)])] };
+}
+
+function maintenanceFields(joints, joint) {
   return [
     { name: "what", label: t`Work that was done`, required: true, suggest: WORKS.map((one) => [one]) },
-    { name: "joint", label: t`Where`, chosen: true, value: joint ?? "", options: [["", t`whole arm`], ...joints.map((one) => [one, jointName(one)])] },
+    placeField(joints, joint),
     whoField(),
-    ...(when ? [{ name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.` }] : []),
+    { name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.` },
   ];
 }
 
 async function enter(robot, values, done) {
   const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, {
-    who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, at: utc(values.at),
+    who: values.who, what: values.what, joint: placeOf(values), at: utc(values.at),
   });
   toast(t`Work on ${robot} is entered: ${values.what}.`, { about: robot, undo: async () => {
     await remove(`v1/maintenance/${entered.maintenance_id}`);
@@ -49,12 +59,12 @@ async function enter(robot, values, done) {
 /** A button that corrects an entry of work. */
 export function editButton(work, joints, done) {
   return act({ class: "quiet", "data-key": `edit/${work.maintenance_id}`, "aria-label": t`Edit the entry: ${work.what}`, onclick: async () => {
-    const fields = maintenanceFields(joints, work.joint, true).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
+    const fields = maintenanceFields(joints, work.joint).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
     if (!await ask({
       title: t`Edit the entry: ${work.what}`, fields, submit: t`Save`,
       // An unchanged time keeps its seconds.
       onsubmit: (values) => put(`v1/maintenance/${work.maintenance_id}`, {
-        who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null,
+        who: values.who, what: values.what, joint: placeOf(values),
         at: values.at === local(new Date(work.at)) ? work.at : utc(values.at),
       }),
     })) return;
@@ -71,14 +81,14 @@ export function windowButton(robot, joints, done) {
       intro: t`While the window lasts, alarms are in maintenance and no message is sent. Those that go on are open again at its end.`,
       fields: [
         { name: "what", label: t`Planned work`, required: true, suggest: WORKS.map((one) => [one]) },
-        { name: "joint", label: t`Where`, chosen: true, value: "", options: [["", t`whole arm`], ...joints.map((one) => [one, jointName(one)])] },
+        placeField(joints, null),
         { name: "from", label: t`From`, type: "datetime-local", required: true, value: inDays(0) },
         { name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(1), hint: t`In the time zone of this browser.` },
         whoField(),
       ],
       submit: t`Plan the window`,
       onsubmit: (values) => post(`v1/robots/${encodeURIComponent(robot)}/windows`, {
-        who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, from: utc(values.from), until: utc(values.until),
+        who: values.who, what: values.what, joint: placeOf(values), from: utc(values.from), until: utc(values.until),
       }),
     })) return;
     toast(t`The window is planned.`, { about: robot });
@@ -143,26 +153,35 @@ export function deleteButton(work, done) {
   } }, t`Delete`);
 }
 
-/** The form "enter work done" of a robot's page. */
-export function maintenanceForm(robot, joints, done) {
+/** The form "enter work done" of a robot's page. `place` gives the joint that the page is about, as for `optionOf`. */
+export function maintenanceForm(robot, joints, place, done) {
   const refusal = whyNot();
-  if (refusal) return h("div", null, refusal);
+  if (refusal) return { node: h("div", null, refusal), suggestPlace() {} };
   const node = form({
-    fields: maintenanceFields(joints, null, true), submit: t`Enter the work`,
+    fields: maintenanceFields(joints, undefined), submit: t`Enter the work`,
     onsubmit: async (values) => {
       await enter(robot, values, done);
-      node.reset();
+      for (const name of ["what", "at"]) node.querySelector(`[name="${name}"]`).value = "";
+      chosen = false;
+      suggestPlace();
       done();
     },
   });
-  return node;
+  const select = node.querySelector('[name="joint"]');
+  let chosen = false;
+  select.addEventListener("change", () => { chosen = true; });
+  function suggestPlace() {
+    if (!chosen) select.value = String(optionOf(place()));
+  }
+  suggestPlace();
+  return { node, suggestPlace };
 }
 
 export function askMaintenance(anomaly, joints, done) {
   return ask({
     title: t`Work was done: ${nameOf(anomaly)}`,
     intro: t`From this work on, a new baseline is learnt. Earlier alarms of this place are in maintenance until tests show whether they are gone.`,
-    fields: maintenanceFields(joints, anomaly.joint, true), submit: t`Enter the work`,
+    fields: maintenanceFields(joints, anomaly.joint), submit: t`Enter the work`,
     onsubmit: (values) => enter(anomaly.robot, values, done),
   }).then((entered) => { if (entered) done(); });
 }

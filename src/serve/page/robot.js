@@ -37,6 +37,8 @@ function fill(node, options, value) {
 export function mount({ main, argument: robot, query, choose, title }) {
   title(robot);
   let joint = Number(query.get("joint")) || null;
+  // The joint that a link or a person named. Without one, the page shows the worst joint.
+  let named = joint;
   let run = Number(query.get("run")) || null;
   let own = query.get("scale") === "own";
   let parameter = query.get("parameter") ?? "f1";
@@ -47,10 +49,13 @@ export function mount({ main, argument: robot, query, choose, title }) {
   let ready;
   // Parts of one joint wait until the page knows which joint and run they show.
   const chosen = new Promise((resolve) => { ready = resolve; });
-  
 
   const fleet = () => (asked ??= readFleet());
   const jointsOf = () => whole?.joints.map((one) => one.joint) ?? [];
+  let inAlarm = [];
+  let work = null;
+  /** Where work was done, as far as the page can tell: the named joint, or the only place in alarm. */
+  const placeOfWork = () => (jointsOf().includes(named) ? named : inAlarm.length === 1 ? inAlarm[0] : undefined);
 
   const head = h("div");
   let headText = null;
@@ -102,6 +107,8 @@ export function mount({ main, argument: robot, query, choose, title }) {
 
   function setJoint(next) {
     joint = next;
+    named = next;
+    work?.suggestPlace();
     choose({ joint });
     fill(jointSelect, jointsOf().map((one) => [one, t`Joint ${one}`]), joint);
     for (const cell of head.querySelectorAll(".cell")) {
@@ -358,7 +365,12 @@ export function mount({ main, argument: robot, query, choose, title }) {
       if (gone) return;
       drawHead(data);
       fill(jointSelect, jointsOf().map((one) => [one, t`Joint ${one}`]), joint);
-      if (whole && !workForm.querySelector("form")) workForm.lastChild.replaceWith(maintenanceForm(robot, jointsOf(), () => refresh().catch(() => {})));
+      inAlarm = [...new Set(alarmsOf(data.anomalies, robot).map((one) => one.joint))];
+      if (whole && !workForm.querySelector("form")) {
+        work = maintenanceForm(robot, jointsOf(), placeOfWork, soon);
+        workForm.lastChild.replaceWith(work.node);
+      }
+      work?.suggestPlace();
     } catch (error) {
       if (!head.firstChild) replace(head, h("h1", { tabindex: -1 }, robot));
       if (error.status !== 0 && error.status !== 401) throw error;
