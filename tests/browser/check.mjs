@@ -388,6 +388,8 @@ async function enters() {
   const log = (await ask(`v1/views/maintenance_log?robot=${encodeURIComponent(open_.robot)}&order=-maintenance_id&limit=1`)).rows[0];
   check(log?.what === "gearbox changed" && log.joint === open_.joint, `a gearbox change is entered with ${clicks} clicks`, JSON.stringify(log));
   check(clicks <= 5, "five clicks are enough");
+  const said = await page.$eval(".toast:last-child", (one) => one.textContent);
+  check(/evaluated again within a minute.*New baseline of joint \d: the first \d+ tests/.test(said), "the page says what follows from work", said);
   await click(".toast:last-child button");
   await page.waitForFunction(() => document.querySelector(".head-line b")?.textContent === "open", { timeout: SETTLE_MS, polling: 50 });
   const left = (await ask(`v1/views/maintenance_log?robot=${encodeURIComponent(open_.robot)}`)).rows;
@@ -495,6 +497,13 @@ async function notes() {
   await page.locator('dialog input[name="what"]').fill("gearbox changed");
   await submit();
   check(await reads("Gearbox changed"), "an entry of work is corrected");
+  await click('[data-key^="edit/"]');
+  const tests = (await ask(`v1/views/runs?robot=${encodeURIComponent(of.robot)}&kind=test&status=complete&order=-started_at`)).rows;
+  const shifted = new Date(Date.parse(tests[0].started_at) - new Date().getTimezoneOffset() * 60_000);
+  await page.$eval('dialog input[name="at"]', (one, value) => { one.value = value; one.dispatchEvent(new Event("input")); }, shifted.toISOString().slice(0, 16));
+  check(await page.waitForFunction(() => /counted for the new baseline: 1 test\./.test(document.querySelector("dialog").textContent), { timeout: 5000, polling: 50 }).then(() => true, () => false), "a test after the time of the work is said");
+  await page.screenshot({ path: `${out}/later-test.png` });
+  await page.keyboard.press("Escape");
   await click('[data-key^="delete/"]');
   await submit();
   await page.waitForFunction(() => document.querySelector('[data-key^="delete/"]') === null, { timeout: SETTLE_MS, polling: 50 });

@@ -1,6 +1,7 @@
-import { logIn, post, put, remove, rights } from "./api.js";
+import { logIn, post, put, remove, rights, view } from "./api.js";
 import { ask, form, whoField } from "./dialog.js";
 import { h, toast } from "./dom.js";
+import { plural } from "./format.js";
 import { t } from "./messages.js";
 import { jointName, kindName } from "./status.js";
 
@@ -37,20 +38,39 @@ function placeField(joints, joint) {
     options: [...(joint === undefined ? [["", t`Choose`]] : []), [ARM, t`whole arm`], ...joints.map((one) => [one, jointName(one)])] };
 }
 
-function maintenanceFields(joints, joint) {
+/** Says how many tests after the entered time are there already. */
+function laterTests(robot) {
+  let asked = null;
+  return async (at) => {
+    if (!at) return "";
+    asked ??= view("runs", { robot, kind: "test", status: "complete", order: "-started_at", limit: 1000 });
+    const count = (await asked).rows.filter((one) => one.started_at >= utc(at)).length;
+    return count ? t`Recorded after this time, and counted for the new baseline: ${plural(count, "test")}.` : "";
+  };
+}
+
+/** What follows from an entry of work. */
+async function next(robot, joint) {
+  const { rows } = await view("baseline_changes", { robot, order: "-formed_at", limit: 100 }).catch(() => ({ rows: [] }));
+  const most = Math.max(0, ...rows.map((one) => JSON.parse(one.run_ids).length));
+  return t`${again()} New baseline of ${jointName(joint)}: the first ${most ? plural(most, "test") : t`tests`} after the work.`;
+}
+
+const again = () => t`The history is evaluated again within a minute.`;
+
+function maintenanceFields(robot, joints, joint) {
   return [
     { name: "what", label: t`Work that was done`, required: true, suggest: WORKS.map((one) => [one]) },
     placeField(joints, joint),
     whoField(),
-    { name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.` },
+    { name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.`, note: laterTests(robot) },
   ];
 }
 
 async function enter(robot, values, done) {
-  const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, {
-    who: values.who, what: values.what, joint: placeOf(values), at: utc(values.at),
-  });
-  toast(t`Work on ${robot} is entered: ${values.what}.`, { about: robot, undo: async () => {
+  const joint = placeOf(values);
+  const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, { who: values.who, what: values.what, joint, at: utc(values.at) });
+  toast(`${t`Work on ${robot} is entered: ${values.what}.`} ${await next(robot, joint)}`, { about: robot, undo: async () => {
     await remove(`v1/maintenance/${entered.maintenance_id}`);
     done();
   } });
@@ -59,7 +79,7 @@ async function enter(robot, values, done) {
 /** A button that corrects an entry of work. */
 export function editButton(work, joints, done) {
   return act({ class: "quiet", "data-key": `edit/${work.maintenance_id}`, "aria-label": t`Edit the entry: ${work.what}`, onclick: async () => {
-    const fields = maintenanceFields(joints, work.joint).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
+    const fields = maintenanceFields(work.robot, joints, work.joint).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
     if (!await ask({
       title: t`Edit the entry: ${work.what}`, fields, submit: t`Save`,
       // An unchanged time keeps its seconds.
@@ -68,7 +88,7 @@ export function editButton(work, joints, done) {
         at: values.at === local(new Date(work.at)) ? work.at : utc(values.at),
       }),
     })) return;
-    toast(t`The entry is saved.`, { about: work.robot });
+    toast(`${t`The entry is saved.`} ${again()}`, { about: work.robot });
     done();
   } }, t`Edit`);
 }
@@ -144,7 +164,7 @@ export function deleteButton(work, done) {
       title: t`Delete this entry`, intro: t`${work.robot}: ${name}. The earlier baseline applies again, and alarms that this entry put into maintenance are open again.`,
       fields: [], submit: t`Delete the entry`, onsubmit: () => remove(`v1/maintenance/${work.maintenance_id}`),
     })) {
-      toast(t`Deleted: ${name}.`, { about: work.robot, undo: async () => {
+      toast(`${t`Deleted: ${name}.`} ${again()} ${t`The earlier baseline applies again.`}`, { about: work.robot, undo: async () => {
         await post(`v1/robots/${encodeURIComponent(work.robot)}/maintenance`, { who: work.who ?? "unknown", what: work.what, joint: work.joint, at: work.at });
         done();
       } });
@@ -158,7 +178,7 @@ export function maintenanceForm(robot, joints, place, done) {
   const refusal = whyNot();
   if (refusal) return { node: h("div", null, refusal), suggestPlace() {} };
   const node = form({
-    fields: maintenanceFields(joints, undefined), submit: t`Enter the work`,
+    fields: maintenanceFields(robot, joints, undefined), submit: t`Enter the work`,
     onsubmit: async (values) => {
       await enter(robot, values, done);
       for (const name of ["what", "at"]) node.querySelector(`[name="${name}"]`).value = "";
@@ -181,7 +201,7 @@ export function askMaintenance(anomaly, joints, done) {
   return ask({
     title: t`Work was done: ${nameOf(anomaly)}`,
     intro: t`From this work on, a new baseline is learnt. Earlier alarms of this place are in maintenance until tests show whether they are gone.`,
-    fields: maintenanceFields(joints, anomaly.joint), submit: t`Enter the work`,
+    fields: maintenanceFields(anomaly.robot, joints, anomaly.joint), submit: t`Enter the work`,
     onsubmit: (values) => enter(anomaly.robot, values, done),
   }).then((entered) => { if (entered) done(); });
 }
