@@ -2,7 +2,7 @@ import { actionButton, assignButton, commentForm, possibleActions, whyNot, workB
 import { fleet, view } from "./api.js";
 import { h } from "./dom.js";
 import { ago, isNumber, likelihood, moment, percent, sentence } from "./format.js";
-import { robotLink } from "./fleet.js";
+import { overdueNote, robotLink } from "./fleet.js";
 import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
 import { lower, t } from "./messages.js";
 import { empty, part } from "./part.js";
@@ -34,7 +34,6 @@ export function mount({ main, argument, title }) {
   title(t`Alarm ${argument}`);
   let joints = [];
   let people = [];
-  let anomaly = null;
   let asked = null;
   // One request for all parts of the page.
   const row = () => (asked ??= view("anomalies", { anomaly_id: id, limit: 1 }).then((answer) => answer.rows[0] ?? null));
@@ -48,12 +47,12 @@ export function mount({ main, argument, title }) {
     className: "bare",
     load: async (signal) => {
       const one = await row();
-      if (one && one.robot !== anomaly?.robot) joints = (await view("fleet_health", { robot: one.robot, order: "joint" }, signal)).rows.map((of) => of.joint);
-      anomaly = one;
+      const health = one ? (await view("fleet_health", { robot: one.robot, order: "joint" }, signal)).rows : [];
+      joints = health.map((of) => of.joint);
       people = await peopleOf(signal);
-      return one;
+      return { one, overdue: health[0]?.expected_by };
     },
-    draw: (one) => {
+    draw: ({ one, overdue }) => {
       if (!one) return [h("h1", { tabindex: -1 }, t`There is no alarm ${argument}`), empty(t`It was withdrawn, or the number is wrong.`, h("p", null, h("a", { href: "#/" }, t`Show the fleet`)))];
       title(`${one.robot} ${jointName(one.joint)}: ${kindName(one.kind)}`);
       const onset = one.onset_at ?? one.first_seen_at;
@@ -64,7 +63,7 @@ export function mount({ main, argument, title }) {
           h("span", null, t`since ${moment(onset)}`, h("span", { class: "muted" }, ` ${ago(onset)}`)),
           one.assignee ? h("span", null, t`Assigned to ${h("b", null, one.assignee)}`) : null,
           one.ended ? h("span", { class: "muted" }, t`Later tests no longer show it.`) : null,
-          one.provisional ? h("span", { class: "muted" }, t`The test that shows it is still being written.`) : null),
+          one.provisional ? h("span", { class: "muted" }, t`The test that shows it is still being written.`) : null, overdueNote(overdue)),
         h("p", { class: "lead" }, findingOf(one), "."),
         more(one).map((text) => h("p", { class: "muted" }, text)),
         h("div", { class: "actions", role: "group", "aria-label": t`Actions` },

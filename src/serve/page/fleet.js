@@ -34,8 +34,14 @@ const isAlarm = (one) => one.severity !== "info";
 /** The alarms of a robot that are not settled, worst first. */
 export const alarmsOf = (anomalies, robot) => anomalies.filter((one) => one.robot === robot && isAlarm(one)).sort((a, b) => rank(a.severity) - rank(b.severity));
 
-/** Since when a robot's status is older than its usual interval between tests; null while it is not. */
+/** Since when a robot has been overdue for a test without its status saying so; null while it is not. */
 export const staleSince = (robot, now) => (robot.status !== "overdue" && robot.expected_by && Date.parse(robot.expected_by) < now ? robot.expected_by : null);
+
+/** When the next test is overdue, or since when. */
+export function overdueNote(by) {
+  if (!by) return null;
+  return Date.parse(by) < Date.now() ? h("span", { class: "late" }, t`overdue since ${moment(by, "day")}`) : h("span", { class: "muted" }, t`next test overdue after ${moment(by, "day")}`);
+}
 
 /** How a joint looks: its status, the number or the word that explains it, and who deals with it. */
 export function jointLook(joint, alarms) {
@@ -86,12 +92,12 @@ function robotRow(robot, range, now, alarms) {
     h("div", { class: "robot-head" },
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
       h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || t`model not recognised`),
-        stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null,
+        stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null,
         arm.map((one) => h("span", null, `${t`${kindName(one.kind)} of the whole arm`}: ${severityName(one.severity)}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
         robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
         robot.open_infos ? h("span", { class: "muted" }, t`${count(robot.open_infos)} worth knowing`) : null),
       test,
-      late ? h("p", { class: "late" }, t`Test overdue: expected by ${moment(robot.expected_by, "day")}`) : null),
+      late && !stale ? h("p", { class: "late" }, t`overdue since ${moment(robot.expected_by, "day")}`) : null),
     robot.joints.length
       ? h("div", { class: "cells" }, robot.joints.map((joint) => jointCell(robot.robot, joint, range, alarms)))
       : h("p", { class: "muted" }, t`No joint has a figure yet. The first complete test gives them.`));

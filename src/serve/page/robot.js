@@ -1,7 +1,7 @@
 import { cancelWindowButton, deleteButton, editButton, maintenanceForm, windowButton } from "./actions.js";
 import { fleet as readFleet, get, view } from "./api.js";
 import { h, icon, replace, table } from "./dom.js";
-import { alarmRow, alarmsOf, jointCell, robotLink, staleSince } from "./fleet.js";
+import { alarmRow, alarmsOf, jointCell, overdueNote, robotLink, staleSince } from "./fleet.js";
 import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, tick, unit, withoutJoint } from "./format.js";
 import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plot.js";
 import { t } from "./messages.js";
@@ -74,10 +74,9 @@ export function mount({ main, argument: robot, query, choose, title }) {
     const worst = whole.joints.filter((one) => one.status === whole.status);
     const reasons = by(worst.filter((one) => one.reason), "reason");
     replace(head, crumb, h("h1", { tabindex: -1 }, robot),
-      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
+      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
         h("span", null, t`last test ${moment(whole.last_run_at)}`, h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
-        whole.expected_by ? h("span", { class: worst.some((one) => one.status === "overdue") ? "late" : "muted" },
-          Date.parse(whole.expected_by) < Date.now() ? t`next test was expected by ${moment(whole.expected_by, "day")}` : t`next test expected by ${moment(whole.expected_by, "day")}`) : null),
+        stale ? null : overdueNote(whole.expected_by)),
       [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? t`All joints:` : joints.length > 1 ? t`Joints ${joints.map((one) => one.joint).join(", ")}:` : t`Joint ${joints[0].joint}:`, " ", withoutJoint(reason, jointName(joints[0].joint)), ".")),
       whole.joints.filter((one) => one.warning_by || one.critical_by).map((one) => h("p", { class: "lead" }, t`Joint ${one.joint}: friction is ${one.trend ? t(one.trend) : t`changing`}.`, " ",
         one.warning_by ? [t`A warning is expected by ${moment(one.warning_by, "day")}.`, " "] : null, one.critical_by ? [t`The critical limit is expected by ${moment(one.critical_by, "day")}.`] : null)),
