@@ -201,6 +201,15 @@ async function languages() {
   await page.reload();
   await settle(page);
   check(await page.$eval("h1", (one) => one.textContent) === "Flotte", "the chosen language is remembered");
+  if (alarm) {
+    await page.goto(new URL(`#/alarm/${alarm.anomaly_id}`, base).href);
+    await settle(page);
+    const name = await page.$eval("h1", (one) => one.textContent.split(": ")[1]);
+    await page.click('[data-key="shelve"]');
+    await page.waitForSelector("dialog[open]");
+    const title = await page.$eval("dialog h2", (one) => one.textContent);
+    check(title.startsWith("Zurückstellen: ") && title.endsWith(name), "a title in German keeps the capital of the kind", title);
+  }
   await context.close();
 }
 
@@ -356,7 +365,7 @@ async function staysOnChange() {
   const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} ${one.nodes[0].target.join(" ")}`)));
   check(found.length === 0, "dialog has no violations of axe", found.join("; "));
   await page.screenshot({ path: `${out}/dialog.png` });
-  check(await page.$eval("dialog h2", (one) => one.textContent) === `Shelve until: ${alarm.robot}, ${alarm.joint === null ? "whole arm" : `joint ${alarm.joint}`}, ${await page.$eval("h1", (one) => one.textContent.split(": ")[1])}`, "a dialog names its alarm");
+  check(await page.$eval("dialog h2", (one) => one.textContent) === `Shelve: ${alarm.robot}, ${alarm.joint === null ? "whole arm" : `joint ${alarm.joint}`}, ${await page.$eval("h1", (one) => one.textContent.split(": ")[1])}`, "a dialog names its alarm");
   await page.keyboard.press("Escape");
   check(await page.$("dialog") === null, "Escape closes the dialog");
   const at = page.url();

@@ -2,7 +2,7 @@ import { logIn, post, put, remove, rights, view } from "./api.js";
 import { ask, form, whoField } from "./dialog.js";
 import { h, toast } from "./dom.js";
 import { plural } from "./format.js";
-import { t } from "./messages.js";
+import { lower, t } from "./messages.js";
 import { jointName, kindName } from "./status.js";
 
 const WORKS = [t`gearbox changed`, t`grease renewed`, t`brake changed`, t`motor changed`, t`torque sensor changed`, t`cables renewed`, t`tool or load changed`];
@@ -146,7 +146,7 @@ export function commentForm(anomaly, done) {
 export function assignButton(anomaly, people, done) {
   return act({ "data-key": "assign", onclick: async () => {
     if (!await ask({
-      title: t`Assign: ${nameOf(anomaly)}`, intro: t`An empty field assigns it to nobody.`,
+      title: t`Assign the alarm: ${nameOf(anomaly)}`, intro: t`An empty field assigns it to nobody.`,
       fields: [{ name: "to", label: t`Assign to`, value: anomaly.assignee ?? "", suggest: people.map((one) => [one]) }, whoField()],
       submit: t`Assign`,
       onsubmit: (values) => post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null }),
@@ -206,14 +206,14 @@ export function askMaintenance(anomaly, joints, done) {
   }).then((entered) => { if (entered) done(); });
 }
 
-const nameOf = (one) => `${one.robot}, ${jointName(one.joint)}, ${kindName(one.kind).toLowerCase()}`;
+const nameOf = (one) => `${one.robot}, ${jointName(one.joint)}, ${lower(kindName(one.kind))}`;
 
 const ACTIONS = {
   acknowledge: {
     text: t`Acknowledge`, intro: t`Others see that somebody knows of this alarm.`, said: t`acknowledged`, to: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
   },
   shelve: {
-    text: t`Shelve until`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: t`shelved`, to: "shelved", from: ["open", "acknowledged", "shelved"],
+    text: t`Shelve`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: t`shelved`, to: "shelved", from: ["open", "acknowledged", "shelved"],
     fields: () => [{
       name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(7), hint: t`In the time zone of this browser.`,
       suggest: [[t`1 day`, inDays(1)], [t`7 days`, inDays(7)], [t`14 days`, inDays(14)], [t`30 days`, inDays(30)]],
