@@ -418,13 +418,19 @@ async function answers() {
     await page.waitForFunction(() => document.querySelector("dialog") === null, { timeout: SETTLE_MS, polling: 50 });
     const state = (await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0]?.state;
     check(state === { acknowledge: "acknowledged", shelve: "shelved", resolve: "resolved", "false-alarm": "false_alarm" }[name], `${name} is done`, state);
+    if (name === "shelve") {
+      const until = (await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0].shelved_until;
+      const said = await page.waitForFunction((wanted) => document.querySelector(`.head-line time[datetime="${wanted}"]`)
+        && document.querySelector(`.log time[datetime="${wanted}"]`), { timeout: 5000, polling: 50 }, until).then(() => true, () => false);
+      check(said, "state and history say until when an alarm is shelved", until);
+    }
     const notices = await page.$$eval(".toast", (all) => all.map((one) => one.textContent));
     check(notices.length === 1, `${name} leaves one notice`, notices.join("; "));
     if (name === "false-alarm") continue;
     // Undo gives the state of before, then the answer is given again for the next one.
     await click(".toast:last-child button");
     const before = { acknowledge: "open", shelve: "acknowledged", resolve: "shelved" }[name];
-    await page.waitForFunction((wanted) => document.querySelector(".head-line b")?.textContent === wanted, { timeout: SETTLE_MS, polling: 50 }, before);
+    await page.waitForFunction((wanted) => document.querySelector(".head-line b")?.textContent.startsWith(wanted), { timeout: SETTLE_MS, polling: 50 }, before);
     check((await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0]?.state === before, `${name} is undone`);
     await click(`[data-key="${name}"]`);
     await click('dialog button[type="submit"]');
@@ -471,6 +477,7 @@ async function notes() {
   await click('[data-key="assign"]');
   await page.locator('dialog input[name="to"]').fill("Lena");
   await submit();
+  check(await page.$eval(".toast:last-child", (one) => one.textContent) === "Assigned to Lena.", "the notice names the person");
   check(await reads("Assigned to Lena") && (await row()).assignee === "Lena", "an alarm is assigned");
   await page.screenshot({ path: `${out}/notes.png`, fullPage: true });
   await page.evaluate(() => { location.hash = "#/alarms?person=Lena"; });

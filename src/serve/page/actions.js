@@ -1,7 +1,7 @@
 import { logIn, post, put, remove, rights, view } from "./api.js";
 import { ask, form, whoField } from "./dialog.js";
 import { h, toast } from "./dom.js";
-import { plural } from "./format.js";
+import { momentText, plural } from "./format.js";
 import { lower, t } from "./messages.js";
 import { jointName, kindName } from "./status.js";
 
@@ -145,13 +145,17 @@ export function commentForm(anomaly, done) {
 /** A button that assigns an alarm to a person. */
 export function assignButton(anomaly, people, done) {
   return act({ "data-key": "assign", onclick: async () => {
+    let assigned = "";
     if (!await ask({
       title: t`Assign the alarm: ${nameOf(anomaly)}`, intro: t`An empty field assigns it to nobody.`,
       fields: [{ name: "to", label: t`Assign to`, value: anomaly.assignee ?? "", suggest: people.map((one) => [one]) }, whoField()],
       submit: t`Assign`,
-      onsubmit: (values) => post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null }),
+      onsubmit: (values) => {
+        assigned = values.to;
+        return post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null });
+      },
     })) return;
-    toast(t`The person is noted.`, { about: anomaly.robot });
+    toast(assigned ? t`Assigned to ${assigned}.` : t`Assigned to nobody.`, { about: anomaly.robot });
     done();
   } }, t`Assign`);
 }
@@ -216,7 +220,7 @@ const ACTIONS = {
     text: t`Shelve`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: t`shelved`, to: "shelved", from: ["open", "acknowledged", "shelved"],
     fields: () => [{
       name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(7), hint: t`In the time zone of this browser.`,
-      suggest: [[t`1 day`, inDays(1)], [t`7 days`, inDays(7)], [t`14 days`, inDays(14)], [t`30 days`, inDays(30)]],
+      suggest: [1, 2, 3, 7, 14, 30].map((days) => [plural(days, "day"), inDays(days)]),
     }, whoField(), whyField(t`For example: gearbox comes in two weeks.`)],
   },
   resolve: {
@@ -249,7 +253,7 @@ export function actionButton(name, anomaly, done) {
     onsubmit: async (values) => {
       await send(name, { who: values.who, why: values.why || null, ...(values.until ? { until: utc(values.until) } : {}) });
       const back = BACK[anomaly.state];
-      toast(t`The alarm of ${nameOf(anomaly)} is ${action.said}.`, { about: anomaly.robot, alarm: anomaly.anomaly_id, state: action.to, undo: back ? async () => {
+      toast(t`The alarm of ${nameOf(anomaly)} is ${values.until ? t`shelved until ${momentText(new Date(values.until))}` : action.said}.`, { about: anomaly.robot, alarm: anomaly.anomaly_id, state: action.to, undo: back ? async () => {
         // A closed alarm cannot be shelved.
         if (back === "shelve") await send("reopen", { who: values.who, why: "undone" });
         await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: anomaly.shelved_until } : {}) });

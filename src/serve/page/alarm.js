@@ -7,8 +7,8 @@ import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
 import { lower, t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
-import { figure, findingOf, isFriction, limitAndScore, more, quantityName } from "./quantities.js";
-import { badge, jointName, kindName, severityName, stateName } from "./status.js";
+import { figure, findingOf, isFriction, limitAndScore, more, quantityName, stateText } from "./quantities.js";
+import { badge, jointName, kindName, severityName } from "./status.js";
 
 const EVENTS = {
   opened: t`Opened`, worse: t`Worse`, corrected: t`Corrected to another kind`, ended: t`Ended: later tests no longer show it`, reopened: t`Reopened`,
@@ -59,7 +59,7 @@ export function mount({ main, argument, title }) {
       return [
         h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, t`Fleet`), " / ", h("a", { href: robotLink(one.robot, one.joint), "data-key": "robot" }, one.robot), " / ", t`alarm ${one.anomaly_id}`),
         h("h1", { tabindex: -1 }, `${one.robot}, ${jointName(one.joint)}: ${lower(kindName(one.kind))}`),
-        h("p", { class: "head-line" }, badge(one.severity), h("span", null, t`State: ${h("b", null, stateName(one.state))}`, one.shelved_until ? [" ", t`until ${moment(one.shelved_until)}`] : null),
+        h("p", { class: "head-line" }, badge(one.severity), h("span", null, t`State: ${h("b", null, stateText(one))}`),
           h("span", null, t`since ${moment(onset)}`, h("span", { class: "muted" }, ` ${ago(onset)}`)),
           one.assignee ? h("span", null, t`Assigned to ${h("b", null, one.assignee)}`) : null,
           one.ended ? h("span", { class: "muted" }, t`Later tests no longer show it.`) : null,
@@ -133,9 +133,12 @@ export function mount({ main, argument, title }) {
 
   const comment = commentForm({ anomaly_id: id }, soon);
   const history = part({
-    title: t`History`, load: async (signal) => (await view("anomaly_history", { anomaly_id: id, order: "-anomaly_event_id" }, signal)).rows,
-    draw: (rows) => [rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
-      h("div", null, h("p", null, h("b", null, EVENTS[one.what] ?? one.what), one.who ? [" ", t`by ${one.who}`] : null, ` \u2013 ${severityName(one.severity)}`),
+    title: t`History`,
+    load: async (signal) => ({ rows: (await view("anomaly_history", { anomaly_id: id, order: "-anomaly_event_id" }, signal)).rows, one: await row() }),
+    // Only the end of the present shelving is stored.
+    draw: ({ rows, one: now }) => [rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
+      h("div", null, h("p", null, h("b", null, EVENTS[one.what] ?? one.what), now?.state === "shelved" && one === rows.find((of) => of.what === "shelved") ? [" ", t`until ${moment(now.shelved_until)}`] : null,
+        one.who ? [" ", t`by ${one.who}`] : null, ` \u2013 ${severityName(one.severity)}`),
         said(one))))) : empty(t`No events: the anomaly had ended when it was found.`), comment],
   });
 

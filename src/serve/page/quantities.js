@@ -1,7 +1,7 @@
-import { change, clauses, digits, fixed, isNumber, percent, sentence, withoutJoint } from "./format.js";
+import { change, clauses, digits, fixed, isNumber, moment, percent, sentence, withoutJoint } from "./format.js";
 import { QUANTITIES } from "./lists.js";
 import { t } from "./messages.js";
-import { jointName } from "./status.js";
+import { jointName, stateName } from "./status.js";
 
 const times = (value) => t`${digits(value, 3)} times`;
 
@@ -40,6 +40,9 @@ export function limitAndScore(one) {
   const text = score && (smoothed ? t`score ${score}, smoothed over the tests` : t`score ${score}`);
   return [(one.threshold ? said(one.threshold) : null) ?? t`none`, text ?? ""];
 }
+
+/** The state of an alarm, with the end of a state that ends by itself. */
+export const stateText = (one, style) => (one.state === "shelved" && one.shelved_until ? t`shelved until ${moment(one.shelved_until, style)}` : stateName(one.state));
 
 /** The finding of an alarm, without values and advice that follow. */
 export const findingOf = (one) => sentence(clauses(withoutJoint(one.message, jointName(one.joint)))[0]);
