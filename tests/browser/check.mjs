@@ -255,6 +255,33 @@ async function keyboard() {
   await context.close();
 }
 
+/** Alarms and robots have one order on all pages: the worst first. */
+async function worstFirst() {
+  const open_ = fleet.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
+  if (!open_.length) return;
+  const { page, context } = await open("#/");
+  await settle(page);
+  const keys = (selector) => page.$$eval(selector, (all) => all.map((one) => one.dataset.key.replace(/^\D+/, "")));
+  await page.$eval('[data-key="all-alarms"]', (one) => one.click()).catch(() => {});
+  const first = (await keys(".alarms > li > .row-link")).filter((id) => open_.some((one) => String(one.anomaly_id) === id));
+  const rows = first.map((id) => open_.find((one) => String(one.anomaly_id) === id));
+  const size = (one) => [one.severity === "critical" ? 0 : 1, one.threshold > 0 ? -Math.abs(one.score) / one.threshold : 0];
+  check(rows.every((one, index) => !index || size(rows[index - 1])[0] < size(one)[0] || (size(rows[index - 1])[0] === size(one)[0] && size(rows[index - 1])[1] <= size(one)[1])),
+    "alarms of the fleet are sorted by severity and size", rows.map((one) => `${one.anomaly_id} ${size(one).join(" ")}`).join(", "));
+  const robots = await page.$$eval(".robot-head h3 a", (all) => all.map((one) => one.textContent));
+  const named = [...new Set(rows.map((one) => one.robot))];
+  const status = (name) => fleet.robots.find((one) => one.robot === name).status;
+  for (const of of ["critical", "warning"]) {
+    const [ofAlarms, ofRobots] = [named, robots.filter((name) => named.includes(name))].map((all) => all.filter((name) => status(name) === of).join(", "));
+    check(ofAlarms === ofRobots, `robots in ${of} stand in the order of their alarms`, ofRobots);
+  }
+  await page.evaluate(() => { location.hash = "#/alarms?state=open"; });
+  await page.waitForSelector('tbody [data-key^="alarm"]', { timeout: SETTLE_MS, polling: 50 });
+  const listed = (await keys('tbody [data-key^="alarm"]')).filter((id) => first.includes(id));
+  check(listed.join() === first.join(), "the list of alarms has the same order", listed.join(", "));
+  await context.close();
+}
+
 /** Two torques that one can follow, their difference and the velocity, of the joint that is chosen. */
 async function cycleTorque() {
   if (!run) return;
@@ -593,7 +620,7 @@ await mkdir(out, { recursive: true });
 try {
   const checks = {
     looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
-    states: everyState, paint: paintsSoon, keyboard, lost: connectionLost, hangs: connectionHangs, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
+    states: everyState, order: worstFirst, paint: paintsSoon, keyboard, lost: connectionLost, hangs: connectionHangs, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     first: async () => { for (const [language, name] of Object.entries({ en: "Fleet", ...LANGUAGES })) await firstPage(language, name); },
     languages, notes: options.act ? notes : () => {}, drop: dropped, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };

@@ -5,7 +5,7 @@ import { robotLink } from "./fleet.js";
 import { moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { findingOf, stateText } from "./quantities.js";
+import { findingOf, stateText, worstAlarmFirst } from "./quantities.js";
 import { badge, jointName, kindName, severityName, STATES } from "./status.js";
 
 const MOST = 10_000;
@@ -65,7 +65,7 @@ export function mount({ main, query, choose, title }) {
       for (const [id, name] of answers) who.set(id, (who.get(id) ?? new Set()).add(name));
       const people = [...new Set(answers.map((one) => one[1]))].sort();
       person.replaceChildren(...[["", t`anybody`], ...people.map((one) => [one, one])].map(([value, text]) => h("option", { value, selected: value === wanted.person }, text)));
-      const shown = rows.filter((one) => shows(one, who));
+      const shown = rows.filter((one) => shows(one, who)).sort(worstAlarmFirst);
       if (!rows.length) return empty(t`No alarm was ever found.`);
       return [
         h("p", { class: "muted found", role: "status" }, shown.length ? t`${shown.length} of ${plural(rows.length, "alarm")}` : t`None of ${plural(rows.length, "alarm")} matches. Change the filters.`),

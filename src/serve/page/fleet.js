@@ -5,7 +5,7 @@ import { t } from "./messages.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
 import { badge, jointName, kindName, kindWord, known, rank, severityName, stateName, STATUSES, statusName } from "./status.js";
-import { findingOf, isFriction, stateText } from "./quantities.js";
+import { findingOf, isFriction, stateText, worstAlarmFirst } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -15,12 +15,17 @@ const idle = globalThis.requestIdleCallback ? (work) => requestIdleCallback(work
 // Browsers need not lay out far rows of a long list.
 const MANY = 40;
 const names = new Intl.Collator("en", { numeric: true });
-export const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_alarms - a.open_alarms || furthest(b) - furthest(a)
-  || names.compare(a.robot, b.robot);
+/** The order of robots: by status, then as the worst open alarm of each. */
+export function worstFirst(anomalies) {
+  const alarms = anomalies.filter(isAlarm).sort((a, b) => (b.state === "open") - (a.state === "open") || worstAlarmFirst(a, b)).map((one) => one.robot);
+  const place = new Map(alarms.map((robot) => [robot, alarms.indexOf(robot)]));
+  const at = (one) => place.get(one.robot) ?? alarms.length;
+  return (a, b) => rank(a.status) - rank(b.status) || at(a) - at(b) || furthest(b) - furthest(a) || names.compare(a.robot, b.robot);
+}
 const ORDERS = {
   worst: [t`Worst first`, worstFirst],
-  name: [t`Name`, (a, b) => names.compare(a.robot, b.robot)],
-  test: [t`Longest without a test`, (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || worstFirst(a, b)],
+  name: [t`Name`, () => (a, b) => names.compare(a.robot, b.robot)],
+  test: [t`Longest without a test`, () => (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || names.compare(a.robot, b.robot)],
 };
 
 function furthest(robot) {
@@ -32,7 +37,7 @@ export const robotLink = (robot, joint) => `#/robot/${encodeURIComponent(robot)}
 const isAlarm = (one) => one.severity !== "info";
 
 /** The alarms of a robot that are not settled, worst first. */
-export const alarmsOf = (anomalies, robot) => anomalies.filter((one) => one.robot === robot && isAlarm(one)).sort((a, b) => rank(a.severity) - rank(b.severity));
+export const alarmsOf = (anomalies, robot) => anomalies.filter((one) => one.robot === robot && isAlarm(one)).sort(worstAlarmFirst);
 
 /** Since when a robot has been overdue for a test without its status saying so; null while it is not. */
 export const staleSince = (robot, now) => (robot.status !== "overdue" && robot.expected_by && Date.parse(robot.expected_by) < now ? robot.expected_by : null);
@@ -180,8 +185,8 @@ export function mount({ main, query, choose, title }) {
       total(t`In quarantine`, of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total(t`Live tests`, of.streaming_runs, "#/ingest"));
     const now = Date.parse(data.now);
     const minute = Math.floor(now / 60_000);
-    const open = data.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
-    const rest = data.anomalies.filter((one) => !open.includes(one));
+    const open = data.anomalies.filter((one) => one.state === "open" && isAlarm(one)).sort(worstAlarmFirst);
+    const rest = data.anomalies.filter((one) => !open.includes(one)).sort(worstAlarmFirst);
     const shown = allAlarms ? open : open.slice(0, FIRST_ALARMS);
     const answered = rest.filter(isAlarm);
     const states = [...new Set(answered.map((one) => stateName(one.state)))];
@@ -226,7 +231,7 @@ export function mount({ main, query, choose, title }) {
   function drawRobots() {
     const asked = words.trim().toLowerCase();
     const shown = data.robots.filter((one) => (!status || one.status === status)
-      && (!asked || one.robot.toLowerCase().includes(asked) || (one.model ?? "").toLowerCase().includes(asked))).sort(ORDERS[order][1]);
+      && (!asked || one.robot.toLowerCase().includes(asked) || (one.model ?? "").toLowerCase().includes(asked))).sort(ORDERS[order][1](data.anomalies));
     const range = sparkRange(data.robots);
     const now = Date.parse(data.now);
     const own = ++pending;

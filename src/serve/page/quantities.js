@@ -1,7 +1,7 @@
 import { change, clauses, digits, fixed, isNumber, moment, percent, sentence, withoutJoint } from "./format.js";
 import { QUANTITIES } from "./lists.js";
 import { t } from "./messages.js";
-import { jointName, stateName } from "./status.js";
+import { jointName, rank, stateName } from "./status.js";
 
 const times = (value) => t`${digits(value, 3)} times`;
 
@@ -40,6 +40,14 @@ export function limitAndScore(one) {
   const text = score && (smoothed ? t`score ${score}, smoothed over the tests` : t`score ${score}`);
   return [(one.threshold ? said(one.threshold) : null) ?? t`none`, text ?? ""];
 }
+
+/** Size of an alarm as a multiple of its limit, so that alarms of all quantities compare. */
+const sizeOf = (one) => (isNumber(one.score) && one.threshold > 0 ? Math.abs(one.score) / one.threshold : 0);
+const isClosed = (one) => ["resolved", "false_alarm"].includes(one.state);
+
+/** The order of alarms everywhere: those to do first, then by severity, size and time. */
+export const worstAlarmFirst = (a, b) => isClosed(a) - isClosed(b) || rank(a.severity) - rank(b.severity) || sizeOf(b) - sizeOf(a)
+  || b.last_seen_at.localeCompare(a.last_seen_at) || a.anomaly_id - b.anomaly_id;
 
 /** The state of an alarm, with the end of a state that ends by itself. */
 export const stateText = (one, style) => (one.state === "shelved" && one.shelved_until ? t`shelved until ${moment(one.shelved_until, style)}` : stateName(one.state));

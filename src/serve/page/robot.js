@@ -7,6 +7,7 @@ import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plo
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { legend, plot, seconds } from "./plot.js";
+import { worstAlarmFirst } from "./quantities.js";
 import { speedPlot, warmUpPlot } from "./friction-plots.js";
 import { sparkRange } from "./spark.js";
 import { badge, jointName, known, rank } from "./status.js";
@@ -121,7 +122,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
     title: t`Alarms`, className: "flush",
     load: async (signal) => (await view("anomalies", { robot, order: "-last_seen_at", limit: 200 }, signal)).rows,
     draw: (rows) => {
-      const active = rows.filter((one) => !["resolved", "false_alarm"].includes(one.state)).sort((a, b) => rank(a.severity) - rank(b.severity));
+      const active = rows.filter((one) => !["resolved", "false_alarm"].includes(one.state)).sort(worstAlarmFirst);
       const closed = rows.filter((one) => !active.includes(one));
       return [
         active.length ? h("ol", { class: "alarms" }, active.map((one) => alarmRow(one))) : h("p", { class: "calm" }, icon("ok"), t`No open alarm.`),

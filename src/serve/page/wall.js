@@ -40,7 +40,7 @@ export function mount({ main, title }) {
       return [
         h("p", { class: "wall-head" }, counts.map(([name, of]) => h("span", { class: `badge s-${name}` }, icon(name), `${of} ${statusName(name)}`)),
           h("span", null, t`${plural(data.counts.open_alarms, "open alarm")}, ${data.counts.quarantined_runs} in quarantine`), full),
-        h("ul", { class: "wall" }, [...data.robots].sort(worstFirst).map((one) => tile(one, data.anomalies, Date.parse(data.now)))),
+        h("ul", { class: "wall" }, [...data.robots].sort(worstFirst(data.anomalies)).map((one) => tile(one, data.anomalies, Date.parse(data.now)))),
       ];
     },
   });
