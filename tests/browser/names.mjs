@@ -1,8 +1,9 @@
-// Finds names that no module of the dashboard declares: node names.mjs [FOLDER]. A browser reports such a name only when it
-// reaches the line. Also finds imports that do not exist or are not used.
+// Checks of the dashboard's files that need no browser: node names.mjs. Finds names that no module declares, which a browser
+// reports only when it reaches the line, and imports that do not exist or are not used. Pages must recognise what to do
+// among the clauses of a message in each language.
 import { readdir, readFile } from "node:fs/promises";
 
-const folder = new URL(process.argv[2] ? `${process.argv[2]}/` : "../../src/serve/page/", process.argv[2] ? `file://${process.cwd()}/` : import.meta.url);
+const folder = new URL("../../src/serve/page/", import.meta.url);
 // What src/serve/page.rs makes.
 const MADE = { "lists.js": ["QUANTITIES", "KINDS"] };
 const WORDS = new Set(`async await break case catch class const continue default delete do else export extends false finally for from function if import
@@ -149,6 +150,11 @@ for (const [file, { declared, imports, used }] of modules) {
     if (!used.has(own)) faults.push(`${file}: ${own} is imported and not used`);
   }
 }
+const advice = new RegExp(/const ADVICE = \/(.*)\/;/.exec(await readFile(new URL("quantities.js", folder), "utf8"))[1]);
+const findings = (await readFile(new URL("../../src/language/findings.tsv", import.meta.url), "utf8")).trim().split("\n").slice(1).map((line) => line.split("\t"));
+const advising = findings.filter((row) => advice.test(row[0]));
+if (advising.length < 20) faults.push(`findings.tsv: only ${advising.length} clauses say what to do`);
+for (const row of findings) for (const text of row) if (advice.test(text) !== advice.test(row[0])) faults.push(`findings.tsv: what to do is not recognised alike in "${row[0]}" and "${text}"`);
 for (const one of faults) console.log(`FAIL ${one}`);
-if (!faults.length) console.log(`ok   ${modules.size} modules declare all their names`);
+if (!faults.length) console.log(`ok   ${modules.size} modules declare all their names, and ${advising.length} clauses say what to do`);
 process.exitCode = faults.length ? 1 : 0;

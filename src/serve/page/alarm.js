@@ -7,7 +7,7 @@ import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
 import { lower, t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
-import { figure, findingOf, isFriction, limitAndScore, more, quantityName, stateText } from "./quantities.js";
+import { figure, findingOf, isFriction, limitAndScore, more, quantityName, stateText, whatToDo } from "./quantities.js";
 import { badge, jointName, kindName, severityName } from "./status.js";
 
 const EVENTS = {
@@ -65,6 +65,7 @@ export function mount({ main, argument, title }) {
           one.ended ? h("span", { class: "muted" }, t`Later tests no longer show it.`) : null,
           one.provisional ? h("span", { class: "muted" }, t`The test that shows it is still being written.`) : null, overdueNote(overdue)),
         h("p", { class: "lead" }, findingOf(one), "."),
+        h("p", { class: "lead" }, whatToDo(one)),
         more(one).map((text) => h("p", { class: "muted" }, text)),
         h("div", { class: "actions", role: "group", "aria-label": t`Actions` },
           possibleActions(one).map((name) => actionButton(name, one, soon)),

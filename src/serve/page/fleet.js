@@ -5,7 +5,7 @@ import { t } from "./messages.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
 import { badge, jointName, kindName, kindWord, known, rank, severityName, stateName, STATUSES, statusName } from "./status.js";
-import { findingOf, isFriction, stateText, worstAlarmFirst } from "./quantities.js";
+import { findingOf, isFriction, stateText, whatToDo, worstAlarmFirst } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -82,7 +82,8 @@ export function alarmRow(one, now) {
       h("span", { class: "alarm-where" }, h("b", null, one.robot), h("span", null, ` ${jointName(one.joint)}`)),
       h("span", { class: "alarm-text" }, findingOf(one),
         one.state === "open" ? null : h("span", { class: "tag" }, stateText(one, "day")),
-        one.provisional ? h("span", { class: "tag" }, t`test still being written`) : null),
+        one.provisional ? h("span", { class: "tag" }, t`test still being written`) : null,
+        one.state === "open" ? whatToDo(one, { class: "alarm-advice" }) : null),
       h("span", { class: "alarm-since" }, t`since ${moment(onset, "day")}`, h("span", { class: "muted" }, ` ${ago(onset, now)}`))));
 }
 

@@ -1,3 +1,4 @@
+import { h } from "./dom.js";
 import { change, clauses, digits, fixed, isNumber, moment, percent, sentence, withoutJoint } from "./format.js";
 import { QUANTITIES } from "./lists.js";
 import { t } from "./messages.js";
@@ -55,5 +56,15 @@ export const stateText = (one, style) => (one.state === "shelved" && one.shelved
 /** The finding of an alarm, without values and advice that follow. */
 export const findingOf = (one) => sentence(clauses(withoutJoint(one.message, jointName(one.joint)))[0]);
 
-/** What follows the finding: values and advice. */
-export const more = (one) => clauses(one.message).slice(1).map((text) => `${sentence(text)}.`);
+// Words of all clauses of findings.tsv that say what to do, in the languages of the page.
+const ADVICE = /\b(?:check|look) |or record |controllare|cercare|registrare il|prüfen|suchen|eintragen|请/;
+const after = (one, isAdvice) => clauses(one.message).slice(1).filter((text) => ADVICE.test(text) === isAdvice).map((text) => `${sentence(text)}.`);
+
+/** What follows the finding: values. */
+export const more = (one) => after(one, false);
+
+/** What to do about an alarm, as a line of its own; null if its message says nothing. */
+export function whatToDo(one, props) {
+  const said = after(one, true);
+  return said.length ? h("span", props, h("b", null, t`What to do:`), ` ${said.join(" ")}`) : null;
+}
