@@ -4,7 +4,7 @@ import { ago, change, count, moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
-import { badge, jointName, kindName, kindWord, known, rank, severityName, stateName, STATUSES, statusName } from "./status.js";
+import { badge, jointName, kindName, kindWord, known, rank, stateName, STATUSES, statusName } from "./status.js";
 import { findingOf, isFriction, stateText, whatToDo, worstAlarmFirst } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
@@ -57,7 +57,7 @@ export function jointLook(joint, alarms) {
   const answered = inAlarm && own.length && own.every((one) => one.state !== "open") ? stateName(own[0].state) : null;
   const index = change(joint.friction_index);
   const cause = inAlarm && own.length && !isFriction(own[0].quantity) ? kindWord(own[0].kind) : null;
-  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? t`whole arm` : statusName(joint.status), value: cause ?? index, index, answered };
+  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? t`alarm of the whole arm` : statusName(joint.status), value: cause ?? index, index, answered };
 }
 
 /** A joint at a glance, as a link to its figures. */
@@ -66,8 +66,8 @@ export function jointCell(robot, joint, range, alarms = []) {
   const words = [`${jointName(joint.joint)}: ${word}`, joint.friction_index === null ? t`no friction index` : t`friction index ${index}`, answered, joint.reason].filter(Boolean);
   const cell = h("a", {
     class: `cell s-${status}`, href: robotLink(robot, joint.joint), title: words.join("\n"), "data-key": `${robot}/${joint.joint}`,
-  }, h("span", { class: "cell-head" }, icon(status === "arm" ? "info" : status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
-    status === "ok" ? hidden(`, ${word}, `) : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
+  }, h("span", { class: "cell-head" }, status === "arm" ? null : icon(status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
+    status === "ok" || status === "arm" ? hidden(`, ${word}, `) : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
   h("span", { class: "cell-value" }, value));
   cell.append(spark(joint.history, range));
   if (answered) cell.append(h("span", { class: "cell-mark" }, answered));
@@ -99,7 +99,7 @@ function robotRow(robot, range, now, alarms) {
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
       h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || t`model not recognised`),
         stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null,
-        arm.map((one) => h("span", null, `${t`${kindName(one.kind)} of the whole arm`}: ${severityName(one.severity)}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
+        arm.map((one) => badge(one.severity, `${t`${kindName(one.kind)} of the whole arm`}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
         robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
         robot.open_infos ? h("span", { class: "muted" }, t`${count(robot.open_infos)} worth knowing`) : null),
       test,

@@ -20,7 +20,7 @@ export function mount({ main, title }) {
     return h("li", null, h("a", { class: `tile s-${known(robot.status)}${stale ? " is-stale" : ""}`, href: robotLink(robot.robot), "data-key": robot.robot },
       h("span", { class: "tile-head" }, icon(known(robot.status)), h("b", null, robot.robot), hidden(`, ${statusName(robot.status)}`)),
       h("span", { class: "tile-joints" }, looks.map(([joint, look]) => h("span", { class: `tile-joint s-${look.status}`, title: `${jointName(joint.joint)}: ${look.word}` },
-        look.status === "ok" ? h("span", { "aria-hidden": "true" }, joint.joint) : h("b", { "aria-hidden": "true" }, joint.joint), hidden(`${jointName(joint.joint)} ${look.word}, `)))),
+        ["ok", "arm"].includes(look.status) ? h("span", { "aria-hidden": "true" }, joint.joint) : h("b", { "aria-hidden": "true" }, joint.joint), hidden(`${jointName(joint.joint)} ${look.word}, `)))),
       h("span", { class: "tile-note" }, arm && !looks.some(([, look]) => look.status === robot.status) ? t`${kindName(arm.kind)} of the whole arm` : worstWord(robot, looks)),
       stale ? h("span", { class: "tile-note late" }, t`overdue since ${moment(stale, "day")}`) : null));
   }
