@@ -97,6 +97,10 @@ async function looksRight(name, hash) {
     await page.screenshot({ path: `${out}/${name}-${look}.png`, fullPage: true });
     const failed = await page.$$eval(".failure", (all) => all.map((one) => one.textContent));
     check(failed.length === 0, `${name} ${look} shows all its parts`, failed.join("; "));
+    const torn = await page.evaluate(() => document.body.innerText.match(/.{0,20}\d %.{0,10}/g) ?? []);
+    check(torn.length === 0, `${name} ${look} keeps numbers with their "%"`, torn.join("; "));
+    const word = await page.$eval(".connection", (one) => [one.innerText, getComputedStyle(one).fontSize]);
+    check(word[0] === "Live" && parseInt(word[1], 10) >= 12, `${name} ${look} says "Live"`, word.join(", "));
     const tooWide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
     check(tooWide <= 0, `${name} ${look} fits the width`, tooWide > 0 ? `${tooWide} px too wide` : "");
     await page.evaluate(AXE);
@@ -182,7 +186,7 @@ async function languages() {
         const found = new Set();
         while (walker.nextNode()) {
           const node = walker.currentNode;
-          if (!node.parentElement.closest("noscript, code, [lang=en], select#parameter") && known.has(node.textContent.trim())) found.add(node.textContent.trim());
+          if (!node.parentElement.closest("noscript, code, [lang=en], select#parameter") && known.has(node.textContent.trim().replaceAll("\u00a0", " "))) found.add(node.textContent.trim());
         }
         return [...found];
       }, english);
