@@ -3,7 +3,7 @@ import { fleet, view } from "./api.js";
 import { h } from "./dom.js";
 import { ago, isNumber, likelihood, moment, percent, sentence } from "./format.js";
 import { overdueNote, robotLink } from "./fleet.js";
-import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
+import { indexPlot, limitsOfAlarm, marksOf, smoothedOf } from "./index-plot.js";
 import { lower, t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
@@ -110,11 +110,11 @@ export function mount({ main, argument, title }) {
       const marks = marksOf([{ ...one, severity: "warning", onset_at: one.onset_at ?? one.first_seen_at }], works, one.joint);
       if (shown === "rmsd" && rows.length) return rmsdPlot(rows, new Map(runs), marks, one, owned);
       if (one.joint === null) return empty(t`This anomaly concerns the whole arm, so that no single joint's curve shows it.`, h("p", null, h("a", { href: robotLink(one.robot), "data-key": "all" }, t`Show all joints of ${one.robot}`)));
-      const drawn = limitsOf({ limits }, [one], one.joint);
+      const drawn = limitsOfAlarm({ limits }, one);
       return [
         isFriction(one.quantity) ? null
           : h("p", { class: "part-note" }, t`The alarm is about the ${quantityName(one.quantity, one.kind)}. The curve is the friction index of the joint, for comparison.`),
-        indexPlot({ rows, joint: one.joint, limits: drawn, marks, title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
+        indexPlot({ rows, joint: one.joint, limits: drawn, marks, smoothed: smoothedOf(one), title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
         drawn.length ? h("p", { class: "part-note" }, t`The limit is that of the index smoothed over the tests; points are single tests.`) : null,
       ];
     },
@@ -168,11 +168,14 @@ function rmsdPlot(rows, runs, marks, one, owned) {
     by.get(row.run_id).push(row.moving_relative_rmsd);
   }
   const points = [...by].map(([run, values]) => ({ x: seconds(runs.get(run)), values: values.sort((a, b) => a - b) })).sort((a, b) => a.x - b.x);
+  const limits = one.quantity === "moving_relative_rmsd" && one.kind === "accuracy" && isNumber(one.threshold) ? [{ value: one.threshold, color: "--warning-icon", dash: [6, 4] }] : [];
+  const at = (kind) => marks.filter((mark) => mark.kind === kind).map((mark) => mark.x);
   return plot({
     title: t`Relative RMSD, ${jointName(one.joint)}`, time: true, xLabel: t`time`, yLabel: t`relative RMSD`, log: true, height: 280, format: (value) => percent(value, 2),
     formatTick: (value) => percent(value, value < 0.01 ? 1 : 0), boundsLabel: t`Range of the cycles`, marks,
-    limits: one.quantity === "moving_relative_rmsd" && one.kind === "accuracy" && isNumber(one.threshold) ? [{ value: one.threshold, color: "--warning-icon" }] : [],
+    limits,
     series: [{ label: t`median of the cycles`, x: points.map((p) => p.x), y: points.map((p) => p.values[Math.floor(p.values.length / 2)]), low: points.map((p) => p.values[0]), high: points.map((p) => p.values.at(-1)), color: "--plot", points: points.length < 90, size: 5 }],
-    legend: [{ label: t`median of the cycles, with their range`, color: "--plot" }, { label: t`onset of an alarm`, color: "--critical", upright: true }],
+    legend: [{ label: t`median of the cycles, with their range`, color: "--plot" }, ...limits.map((limit) => ({ label: t`limit of the alarm`, color: limit.color, dash: [4, 2] })),
+      { label: t`onset of an alarm`, color: "--critical", upright: true, at: at("onset") }, { label: t`maintenance`, color: "--plot-mark", upright: true, dash: [2, 1.5], at: at("maintenance") }],
   }, owned);
 }

@@ -6,7 +6,7 @@ import { ago, change, count, digits, isNumber, moment, percent, plural, sentence
 import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plot.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { legend, plot, seconds } from "./plot.js";
+import { inside, legend, plot, seconds } from "./plot.js";
 import { worstAlarmFirst } from "./quantities.js";
 import { speedPlot, warmUpPlot } from "./friction-plots.js";
 import { sparkRange } from "./spark.js";
@@ -165,7 +165,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
             head: [h("span", null, t`Joint ${number}`), status ? badge(known(status)) : null, h("span", { class: "muted" }, change(value))],
           }, owned);
         })),
-        legend(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one)))),
+        legend(inside(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one))), xRange)),
         limits ? null : h("p", { class: "part-note" }, anyLimit ? t`A limit is drawn where an alarm states it. The daemon does not state the limits of the other joints.` : t`No limit is drawn: the daemon does not state the limits of these joints.`),
         truncated ? h("p", { class: "part-note" }, t`The history is longer than 10 000 points; the latest of them are shown.`) : null,
       ];
