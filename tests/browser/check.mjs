@@ -71,7 +71,7 @@ async function open(hash, { width = 1280, scheme = "light", token = options.toke
 async function settle(page) {
   await page.waitForSelector("main h1", { timeout: SETTLE_MS, polling: 50 });
   const loaded = await page.waitForFunction(() => {
-    const waiting = [...document.querySelectorAll(".page-note")].find((one) => one.textContent === "Loading" && one.offsetParent !== null);
+    const waiting = [...document.querySelectorAll(".loading")].find((one) => one.offsetParent !== null);
     waiting?.scrollIntoView({ block: "center" });
     return !waiting;
   }, { timeout: SETTLE_MS, polling: 50 }).catch(() => null);
@@ -95,12 +95,49 @@ async function looksRight(name, hash) {
     const { page, context } = await open(hash, { width, scheme });
     await settle(page);
     await page.screenshot({ path: `${out}/${name}-${look}.png`, fullPage: true });
+    const failed = await page.$$eval(".failure", (all) => all.map((one) => one.textContent));
+    check(failed.length === 0, `${name} ${look} shows all its parts`, failed.join("; "));
+    const torn = await page.evaluate(() => document.body.innerText.match(/.{0,20}\d %.{0,10}/g) ?? []);
+    check(torn.length === 0, `${name} ${look} keeps numbers with their "%"`, torn.join("; "));
+    const word = await page.$eval(".connection", (one) => [one.innerText, getComputedStyle(one).fontSize]);
+    check(word[0] === "Live" && parseInt(word[1], 10) >= 12, `${name} ${look} says "Live"`, word.join(", "));
     const tooWide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
     check(tooWide <= 0, `${name} ${look} fits the width`, tooWide > 0 ? `${tooWide} px too wide` : "");
     await page.evaluate(AXE);
     const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} x${one.nodes.length} (${one.nodes[0].target.join(" ")} ${one.nodes[0].failureSummary?.split("\n")[1] ?? ""})`)));
     check(found.length === 0, `${name} ${look} has no violations of axe`, found.join("; "));
     check(page.problems.length === 0, `${name} ${look} has a clean console`, page.problems.join("; "));
+    await context.close();
+  }
+}
+
+/** Pages with robots and alarms in every state. The daemon's answer is changed on its way to the page. */
+async function everyState() {
+  if (!alarm) return;
+  const ofArm = { ...alarm, joint: null, kind: "payload", quantity: "load_kg", unit: "kg", value: 0.8, baseline: 0 };
+  const states = ["open", "acknowledged", "shelved", "maintenance", "resolved", "false_alarm"];
+  const cases = ["critical", "warning", "overdue", "unknown", "learning", "ok"].flatMap((status) => [
+    [`all joints ${status} and an alarm of the arm`, (joint) => ({ ...joint, status }), [ofArm]],
+    [`joint 1 ${status}, the others learning, and an alarm of the arm`, (joint) => ({ ...joint, status: joint.joint === 1 ? status : "learning", friction_index: null }), [ofArm]],
+  ]).concat(states.map((state) => [`alarms ${state}`, (joint) => joint, [{ ...ofArm, state }, { ...alarm, state, provisional: 1, onset_at: null, score: null, threshold: null }]]));
+  const rank = ["critical", "warning", "overdue", "unknown", "learning", "ok"];
+  for (const [name, change, anomalies] of cases) {
+    const robots = fleet.robots.map((one) => {
+      const joints = one.joints.map(change);
+      const worst = [...joints.map((joint) => joint.status), ...anomalies.filter((of) => of.robot === one.robot).map((of) => of.severity)];
+      return { ...one, joints, status: rank.find((status) => worst.includes(status)) ?? "unknown", model: null, expected_by: "2020-01-01T00:00:00.000Z" };
+    });
+    const { page, context } = await open("about:blank");
+    await page.setRequestInterception(true);
+    page.on("request", (request) => (/\/v1\/fleet/.test(request.url())
+      ? request.respond({ contentType: "application/json", body: JSON.stringify({ ...fleet, robots, anomalies }) }) : request.continue()));
+    for (const hash of ["#/wall", "#/", `#/robot/${encodeURIComponent(alarm.robot)}`]) {
+      await page.goto(new URL(hash, base).href);
+      await settle(page);
+      const failed = await page.$$eval(".failure", (all) => all.map((one) => one.textContent));
+      check(failed.length === 0 && page.problems.length === 0, `${name}: ${hash} shows all its parts`, [...failed, ...page.problems].join("; "));
+      page.problems.length = 0;
+    }
     await context.close();
   }
 }
@@ -149,7 +186,7 @@ async function languages() {
         const found = new Set();
         while (walker.nextNode()) {
           const node = walker.currentNode;
-          if (!node.parentElement.closest("noscript, code, [lang=en], select#parameter") && known.has(node.textContent.trim())) found.add(node.textContent.trim());
+          if (!node.parentElement.closest("noscript, code, [lang=en], select#parameter") && known.has(node.textContent.trim().replaceAll("\u00a0", " "))) found.add(node.textContent.trim());
         }
         return [...found];
       }, english);
@@ -168,6 +205,15 @@ async function languages() {
   await page.reload();
   await settle(page);
   check(await page.$eval("h1", (one) => one.textContent) === "Flotte", "the chosen language is remembered");
+  if (alarm) {
+    await page.goto(new URL(`#/alarm/${alarm.anomaly_id}`, base).href);
+    await settle(page);
+    const name = await page.$eval("h1", (one) => one.textContent.split(": ")[1]);
+    await page.click('[data-key="shelve"]');
+    await page.waitForSelector("dialog[open]");
+    const title = await page.$eval("dialog h2", (one) => one.textContent);
+    check(title.startsWith("Zurückstellen: ") && title.endsWith(name), "a title in German keeps the capital of the kind", title);
+  }
   await context.close();
 }
 
@@ -210,6 +256,33 @@ async function keyboard() {
   const theme = await page.evaluate(() => document.documentElement.dataset.theme);
   await page.reload();
   check(theme === "dark" && await page.evaluate(() => document.documentElement.dataset.theme) === "dark", "the theme is remembered");
+  await context.close();
+}
+
+/** Alarms and robots have one order on all pages: the worst first. */
+async function worstFirst() {
+  const open_ = fleet.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
+  if (!open_.length) return;
+  const { page, context } = await open("#/");
+  await settle(page);
+  const keys = (selector) => page.$$eval(selector, (all) => all.map((one) => one.dataset.key.replace(/^\D+/, "")));
+  await page.$eval('[data-key="all-alarms"]', (one) => one.click()).catch(() => {});
+  const first = (await keys(".alarms > li > .row-link")).filter((id) => open_.some((one) => String(one.anomaly_id) === id));
+  const rows = first.map((id) => open_.find((one) => String(one.anomaly_id) === id));
+  const size = (one) => [one.severity === "critical" ? 0 : 1, one.threshold > 0 ? -Math.abs(one.score) / one.threshold : 0];
+  check(rows.every((one, index) => !index || size(rows[index - 1])[0] < size(one)[0] || (size(rows[index - 1])[0] === size(one)[0] && size(rows[index - 1])[1] <= size(one)[1])),
+    "alarms of the fleet are sorted by severity and size", rows.map((one) => `${one.anomaly_id} ${size(one).join(" ")}`).join(", "));
+  const robots = await page.$$eval(".robot-head h3 a", (all) => all.map((one) => one.textContent));
+  const named = [...new Set(rows.map((one) => one.robot))];
+  const status = (name) => fleet.robots.find((one) => one.robot === name).status;
+  for (const of of ["critical", "warning"]) {
+    const [ofAlarms, ofRobots] = [named, robots.filter((name) => named.includes(name))].map((all) => all.filter((name) => status(name) === of).join(", "));
+    check(ofAlarms === ofRobots, `robots in ${of} stand in the order of their alarms`, ofRobots);
+  }
+  await page.evaluate(() => { location.hash = "#/alarms?state=open"; });
+  await page.waitForSelector('tbody [data-key^="alarm"]', { timeout: SETTLE_MS, polling: 50 });
+  const listed = (await keys('tbody [data-key^="alarm"]')).filter((id) => first.includes(id));
+  check(listed.join() === first.join(), "the list of alarms has the same order", listed.join(", "));
   await context.close();
 }
 
@@ -274,6 +347,41 @@ async function connectionLost() {
   await context.close();
 }
 
+/** The daemon is there and answers nothing. Changing between tabs must not put off the note that the page is not live. */
+async function connectionHangs() {
+  const { page, context } = await open("#/");
+  const connection = () => page.$eval(".connection", (one) => one.textContent);
+  await page.waitForSelector(".connection.live", { timeout: SETTLE_MS, polling: 50 });
+  const client = await page.createCDPSession();
+  await client.send("Fetch.enable", { patterns: [{ urlPattern: "*/v1/*" }] });
+  const hidden = (is) => page.evaluate((value) => {
+    Object.defineProperty(document, "hidden", { value, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, is);
+  const began = Date.now();
+  while (Date.now() - began < 45_000 && await connection() === "Live") {
+    await hidden(true);
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+    await hidden(false);
+    await new Promise((resolve) => setTimeout(resolve, 2000));
+  }
+  check(/^Not live/.test(await connection()), "a silent daemon is said while tabs change", `${await connection()} after ${Math.round((Date.now() - began) / 1000)} s`);
+  await client.send("Fetch.disable");
+  await page.waitForSelector(".connection.live", { timeout: 40_000, polling: 50 });
+  await hidden(true);
+  await client.send("Fetch.enable", { patterns: [{ urlPattern: "*/v1/*" }] });
+  await new Promise((resolve) => setTimeout(resolve, 31_000));
+  await hidden(false);
+  check(/^Not live/.test(await connection()), "a page that was hidden for long says at once that it is not live", await connection());
+  for (const hash of ["#/alarms", `#/robot/${encodeURIComponent(fleet.robots[0]?.robot ?? "R01")}`]) {
+    await page.evaluate((to) => { location.hash = to; }, hash);
+    const said = await page.waitForFunction(() => [...document.querySelectorAll(".loading")].some((one) => one.offsetParent !== null && /^No answer/.test(one.textContent)), { timeout: 8000, polling: 100 }).catch(() => null);
+    check(said !== null, `${hash} says that there is no answer yet`);
+  }
+  await page.screenshot({ path: `${out}/hangs.png` });
+  await context.close();
+}
+
 async function staysOnChange() {
   if (!alarm) return;
   const { page, context } = await open(`#/alarm/${alarm.anomaly_id}`);
@@ -288,7 +396,7 @@ async function staysOnChange() {
   const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} ${one.nodes[0].target.join(" ")}`)));
   check(found.length === 0, "dialog has no violations of axe", found.join("; "));
   await page.screenshot({ path: `${out}/dialog.png` });
-  check(await page.$eval("dialog h2", (one) => one.textContent) === `Shelve until: ${alarm.robot}, ${alarm.joint === null ? "whole arm" : `joint ${alarm.joint}`}, ${await page.$eval("h1", (one) => one.textContent.split(": ")[1])}`, "a dialog names its alarm");
+  check(await page.$eval("dialog h2", (one) => one.textContent) === `Shelve: ${alarm.robot}, ${alarm.joint === null ? "whole arm" : `joint ${alarm.joint}`}, ${await page.$eval("h1", (one) => one.textContent.split(": ")[1])}`, "a dialog names its alarm");
   await page.keyboard.press("Escape");
   check(await page.$("dialog") === null, "Escape closes the dialog");
   const at = page.url();
@@ -320,6 +428,8 @@ async function enters() {
   const log = (await ask(`v1/views/maintenance_log?robot=${encodeURIComponent(open_.robot)}&order=-maintenance_id&limit=1`)).rows[0];
   check(log?.what === "gearbox changed" && log.joint === open_.joint, `a gearbox change is entered with ${clicks} clicks`, JSON.stringify(log));
   check(clicks <= 5, "five clicks are enough");
+  const said = await page.$eval(".toast:last-child", (one) => one.textContent);
+  check(/evaluated again within a minute.*New baseline of joint \d: the first \d+ tests/.test(said), "the page says what follows from work", said);
   await click(".toast:last-child button");
   await page.waitForFunction(() => document.querySelector(".head-line b")?.textContent === "open", { timeout: SETTLE_MS, polling: 50 });
   const left = (await ask(`v1/views/maintenance_log?robot=${encodeURIComponent(open_.robot)}`)).rows;
@@ -339,11 +449,19 @@ async function answers() {
     await page.waitForFunction(() => document.querySelector("dialog") === null, { timeout: SETTLE_MS, polling: 50 });
     const state = (await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0]?.state;
     check(state === { acknowledge: "acknowledged", shelve: "shelved", resolve: "resolved", "false-alarm": "false_alarm" }[name], `${name} is done`, state);
+    if (name === "shelve") {
+      const until = (await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0].shelved_until;
+      const said = await page.waitForFunction((wanted) => document.querySelector(`.head-line time[datetime="${wanted}"]`)
+        && document.querySelector(`.log time[datetime="${wanted}"]`), { timeout: 5000, polling: 50 }, until).then(() => true, () => false);
+      check(said, "state and history say until when an alarm is shelved", until);
+    }
+    const notices = await page.$$eval(".toast", (all) => all.map((one) => one.textContent));
+    check(notices.length === 1, `${name} leaves one notice`, notices.join("; "));
     if (name === "false-alarm") continue;
     // Undo gives the state of before, then the answer is given again for the next one.
     await click(".toast:last-child button");
     const before = { acknowledge: "open", shelve: "acknowledged", resolve: "shelved" }[name];
-    await page.waitForFunction((wanted) => document.querySelector(".head-line b")?.textContent === wanted, { timeout: SETTLE_MS, polling: 50 }, before);
+    await page.waitForFunction((wanted) => document.querySelector(".head-line b")?.textContent.startsWith(wanted), { timeout: SETTLE_MS, polling: 50 }, before);
     check((await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0]?.state === before, `${name} is undone`);
     await click(`[data-key="${name}"]`);
     await click('dialog button[type="submit"]');
@@ -353,6 +471,17 @@ async function answers() {
   await click('dialog button[type="submit"]');
   await page.waitForFunction(() => document.querySelector(".head-line b")?.textContent === "open", { timeout: SETTLE_MS, polling: 50 });
   check(true, "a false alarm is reopened");
+  await page.evaluate((to) => { location.hash = to; }, `#/robot/${encodeURIComponent(open_.robot)}`);
+  await settle(page);
+  check((await page.$$(".toast")).length === 1, "the latest notice follows to another page");
+  await page.goBack();
+  await settle(page);
+  const headers = { "Content-Type": "application/json", ...(options.token ? { Authorization: `Bearer ${options.token}` } : {}) };
+  await fetch(new URL(`v1/anomalies/${open_.anomaly_id}/acknowledge`, base), { method: "POST", headers, body: JSON.stringify({ who: "B. Tester" }) });
+  check(await page.waitForFunction(() => document.querySelector(".toast") === null, { timeout: 5000, polling: 50 }).then(() => true, () => false), "a notice goes when another person changes the state");
+  await click('[data-key="reopen"]');
+  await click('dialog button[type="submit"]');
+  await page.waitForFunction(() => document.querySelector(".head-line b")?.textContent === "open", { timeout: SETTLE_MS, polling: 50 });
   await new Promise((resolve) => setTimeout(resolve, 1500));
   await page.screenshot({ path: `${out}/acted.png`, fullPage: true });
   check(page.problems.length === 0, "actions leave a clean console", page.problems.join("; "));
@@ -379,6 +508,7 @@ async function notes() {
   await click('[data-key="assign"]');
   await page.locator('dialog input[name="to"]').fill("Lena");
   await submit();
+  check(await page.$eval(".toast:last-child", (one) => one.textContent) === "Assigned to Lena.", "the notice names the person");
   check(await reads("Assigned to Lena") && (await row()).assignee === "Lena", "an alarm is assigned");
   await page.screenshot({ path: `${out}/notes.png`, fullPage: true });
   await page.evaluate(() => { location.hash = "#/alarms?person=Lena"; });
@@ -394,12 +524,33 @@ async function notes() {
   await submit();
   await page.waitForFunction(() => document.querySelector('[data-key^="cancel/"]') === null, { timeout: SETTLE_MS, polling: 50 });
   check((await row()).state === "open", "without the window the alarm is open");
+  const joints = fleet.robots.find((one) => one.robot === of.robot).joints.map((one) => one.joint);
+  const place = () => page.$eval('form select[name="joint"]', (one) => one.value);
+  check(await place() === String(of.joint), "the form suggests the only joint in alarm", await place());
+  await page.goto(new URL(`#/robot/${encodeURIComponent(of.robot)}?tab=runs&joint=${joints.at(-1)}`, base).href);
+  await page.waitForFunction((wanted) => document.querySelector('form select[name="joint"]')?.value === wanted, { timeout: SETTLE_MS, polling: 50 }, String(joints.at(-1)));
+  check(true, "the form suggests the joint that the address names");
+  const calm = fleet.robots.find((one) => !fleet.anomalies.some((anomaly) => anomaly.robot === one.robot));
+  if (calm) {
+    await page.evaluate((to) => { location.hash = to; }, `#/robot/${encodeURIComponent(calm.robot)}?tab=runs`);
+    await page.waitForFunction((name) => document.querySelector("h1")?.textContent === name && document.querySelector('form select[name="joint"]'), { timeout: SETTLE_MS, polling: 50 }, calm.robot);
+    check(await place() === "" && await page.$eval('form select[name="joint"]', (one) => one.required), "the form asks where work was done on a robot without alarms", await place());
+  }
+  await page.goto(new URL(`#/robot/${encodeURIComponent(of.robot)}?tab=runs`, base).href);
+  await settle(page);
   await page.locator('form input[name="what"]').setTimeout(SETTLE_MS).fill("grease renewed");
   await click('form button[type="submit"]');
   await click('[data-key^="edit/"]');
   await page.locator('dialog input[name="what"]').fill("gearbox changed");
   await submit();
   check(await reads("Gearbox changed"), "an entry of work is corrected");
+  await click('[data-key^="edit/"]');
+  const tests = (await ask(`v1/views/runs?robot=${encodeURIComponent(of.robot)}&kind=test&status=complete&order=-started_at`)).rows;
+  const shifted = new Date(Date.parse(tests[0].started_at) - new Date().getTimezoneOffset() * 60_000);
+  await page.$eval('dialog input[name="at"]', (one, value) => { one.value = value; one.dispatchEvent(new Event("input")); }, shifted.toISOString().slice(0, 16));
+  check(await page.waitForFunction(() => /counted for the new baseline: 1 test\./.test(document.querySelector("dialog").textContent), { timeout: 5000, polling: 50 }).then(() => true, () => false), "a test after the time of the work is said");
+  await page.screenshot({ path: `${out}/later-test.png` });
+  await page.keyboard.press("Escape");
   await click('[data-key^="delete/"]');
   await submit();
   await page.waitForFunction(() => document.querySelector('[data-key^="delete/"]') === null, { timeout: SETTLE_MS, polling: 50 });
@@ -473,7 +624,7 @@ await mkdir(out, { recursive: true });
 try {
   const checks = {
     looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
-    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
+    states: everyState, order: worstFirst, paint: paintsSoon, keyboard, lost: connectionLost, hangs: connectionHangs, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     first: async () => { for (const [language, name] of Object.entries({ en: "Fleet", ...LANGUAGES })) await firstPage(language, name); },
     languages, notes: options.act ? notes : () => {}, drop: dropped, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };

@@ -63,7 +63,34 @@ async function loses(what, pid, base) {
   check(back !== null, `${what}: the page is live again`, back === null ? "" : `${(back / 1000).toFixed(1)} s`);
   await page.close();
 }
+
+/** The daemon freezes while a person changes between tabs and pages. */
+async function losesWhileTabsChange(base) {
+  const page = await open(base);
+  await until(page, isLive, LIVE_MS);
+  const hidden = (is) => page.evaluate((value) => {
+    Object.defineProperty(document, "hidden", { value, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, is);
+  execFileSync("kill", ["-STOP", daemon]);
+  const began = Date.now();
+  let lost = null;
+  while (lost === null && Date.now() - began < LOST_MS) {
+    await hidden(true);
+    await hidden(false);
+    lost = await until(page, isStale, 3000) === null ? null : Date.now() - began;
+  }
+  check(lost !== null, "the daemon freezes while tabs change: the page says that it is not live", lost === null ? "" : `${(lost / 1000).toFixed(1)} s`);
+  await page.click('nav [data-page="alarms"]');
+  const said = await until(page, () => /No answer from the daemon/.test(document.querySelector("main").textContent), 8000);
+  check(said !== null, "the daemon freezes: another page says that there is no answer", said === null ? "" : `${(said / 1000).toFixed(1)} s`);
+  execFileSync("kill", ["-CONT", daemon]);
+  const back = await until(page, () => document.querySelector("main table") !== null, LOST_MS);
+  check(back !== null, "the page shows its data when the daemon goes on", back === null ? "" : `${(back / 1000).toFixed(1)} s`);
+  await page.close();
+}
 await loses("the daemon freezes", daemon, bases[0]);
+await losesWhileTabsChange(bases[0]);
 await loses("the proxy passes nothing on", String(Number(nginx)), bases[0]);
 
 const page = await open(bases[0]);

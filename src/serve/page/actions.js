@@ -1,7 +1,8 @@
-import { logIn, post, put, remove, rights } from "./api.js";
+import { logIn, post, put, remove, rights, view } from "./api.js";
 import { ask, form, whoField } from "./dialog.js";
 import { h, toast } from "./dom.js";
-import { t } from "./messages.js";
+import { momentText, plural } from "./format.js";
+import { lower, t } from "./messages.js";
 import { jointName, kindName } from "./status.js";
 
 const WORKS = [t`gearbox changed`, t`grease renewed`, t`brake changed`, t`motor changed`, t`torque sensor changed`, t`cables renewed`, t`tool or load changed`];
@@ -27,38 +28,67 @@ const inDays = (days) => local(new Date(Date.now() + days * 86_400_000));
 const utc = (text) => (text ? new Date(text).toISOString() : null);
 const whyField = (hint) => ({ name: "why", label: t`Reason`, hint });
 
-function maintenanceFields(joints, joint, when) {
+const ARM = "arm";
+/** How a place stands in the form: a joint, null for the whole arm, or undefined if nothing suggests one. */
+const optionOf = (joint) => (joint === null ? ARM : joint ?? "");
+const placeOf = (values) => (values.joint === ARM ? null : Number(values.joint));
+
+function placeField(joints, joint) {
+  return { name: "joint", label: t`Where`, required: true, value: optionOf(joint),
+    options: [...(joint === undefined ? [["", t`Choose`]] : []), [ARM, t`whole arm`], ...joints.map((one) => [one, jointName(one)])] };
+}
+
+/** Says how many tests after the entered time are there already. */
+function laterTests(robot) {
+  let asked = null;
+  return async (at) => {
+    if (!at) return "";
+    asked ??= view("runs", { robot, kind: "test", status: "complete", order: "-started_at", limit: 1000 });
+    const count = (await asked).rows.filter((one) => one.started_at >= utc(at)).length;
+    return count ? t`Recorded after this time, and counted for the new baseline: ${plural(count, "test")}.` : "";
+  };
+}
+
+/** What follows from an entry of work. */
+async function next(robot, joint) {
+  const { rows } = await view("baseline_changes", { robot, order: "-formed_at", limit: 100 }).catch(() => ({ rows: [] }));
+  const most = Math.max(0, ...rows.map((one) => JSON.parse(one.run_ids).length));
+  return t`${again()} New baseline of ${jointName(joint)}: the first ${most ? plural(most, "test") : t`tests`} after the work.`;
+}
+
+const again = () => t`The history is evaluated again within a minute.`;
+
+function maintenanceFields(robot, joints, joint) {
   return [
     { name: "what", label: t`Work that was done`, required: true, suggest: WORKS.map((one) => [one]) },
-    { name: "joint", label: t`Where`, chosen: true, value: joint ?? "", options: [["", t`whole arm`], ...joints.map((one) => [one, jointName(one)])] },
+    placeField(joints, joint),
     whoField(),
-    ...(when ? [{ name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.` }] : []),
+    { name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.`, note: laterTests(robot) },
   ];
 }
 
 async function enter(robot, values, done) {
-  const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, {
-    who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, at: utc(values.at),
-  });
-  toast(t`Work on ${robot} is entered: ${values.what}.`, async () => {
+  const joint = placeOf(values);
+  const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, { who: values.who, what: values.what, joint, at: utc(values.at) });
+  toast(`${t`Work on ${robot} is entered: ${values.what}.`} ${await next(robot, joint)}`, { about: robot, undo: async () => {
     await remove(`v1/maintenance/${entered.maintenance_id}`);
     done();
-  });
+  } });
 }
 
 /** A button that corrects an entry of work. */
 export function editButton(work, joints, done) {
   return act({ class: "quiet", "data-key": `edit/${work.maintenance_id}`, "aria-label": t`Edit the entry: ${work.what}`, onclick: async () => {
-    const fields = maintenanceFields(joints, work.joint, true).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
+    const fields = maintenanceFields(work.robot, joints, work.joint).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
     if (!await ask({
       title: t`Edit the entry: ${work.what}`, fields, submit: t`Save`,
       // An unchanged time keeps its seconds.
       onsubmit: (values) => put(`v1/maintenance/${work.maintenance_id}`, {
-        who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null,
+        who: values.who, what: values.what, joint: placeOf(values),
         at: values.at === local(new Date(work.at)) ? work.at : utc(values.at),
       }),
     })) return;
-    toast(t`The entry is saved.`);
+    toast(`${t`The entry is saved.`} ${again()}`, { about: work.robot });
     done();
   } }, t`Edit`);
 }
@@ -71,17 +101,17 @@ export function windowButton(robot, joints, done) {
       intro: t`While the window lasts, alarms are in maintenance and no message is sent. Those that go on are open again at its end.`,
       fields: [
         { name: "what", label: t`Planned work`, required: true, suggest: WORKS.map((one) => [one]) },
-        { name: "joint", label: t`Where`, chosen: true, value: "", options: [["", t`whole arm`], ...joints.map((one) => [one, jointName(one)])] },
+        placeField(joints, null),
         { name: "from", label: t`From`, type: "datetime-local", required: true, value: inDays(0) },
         { name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(1), hint: t`In the time zone of this browser.` },
         whoField(),
       ],
       submit: t`Plan the window`,
       onsubmit: (values) => post(`v1/robots/${encodeURIComponent(robot)}/windows`, {
-        who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, from: utc(values.from), until: utc(values.until),
+        who: values.who, what: values.what, joint: placeOf(values), from: utc(values.from), until: utc(values.until),
       }),
     })) return;
-    toast(t`The window is planned.`);
+    toast(t`The window is planned.`, { about: robot });
     done();
   } }, t`Plan maintenance`);
 }
@@ -93,7 +123,7 @@ export function cancelWindowButton(planned, done) {
       title: t`Delete the window: ${planned.what}`, intro: t`Alarms that it alone holds are open again.`,
       fields: [], submit: t`Delete the window`, onsubmit: () => remove(`v1/windows/${planned.maintenance_window_id}`),
     })) return;
-    toast(t`The window is deleted.`);
+    toast(t`The window is deleted.`, { about: planned.robot });
     done();
   } }, t`Delete`);
 }
@@ -115,13 +145,17 @@ export function commentForm(anomaly, done) {
 /** A button that assigns an alarm to a person. */
 export function assignButton(anomaly, people, done) {
   return act({ "data-key": "assign", onclick: async () => {
+    let assigned = "";
     if (!await ask({
-      title: t`Assign: ${nameOf(anomaly)}`, intro: t`An empty field assigns it to nobody.`,
+      title: t`Assign the alarm: ${nameOf(anomaly)}`, intro: t`An empty field assigns it to nobody.`,
       fields: [{ name: "to", label: t`Assign to`, value: anomaly.assignee ?? "", suggest: people.map((one) => [one]) }, whoField()],
       submit: t`Assign`,
-      onsubmit: (values) => post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null }),
+      onsubmit: (values) => {
+        assigned = values.to;
+        return post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null });
+      },
     })) return;
-    toast(t`The person is noted.`);
+    toast(assigned ? t`Assigned to ${assigned}.` : t`Assigned to nobody.`, { about: anomaly.robot });
     done();
   } }, t`Assign`);
 }
@@ -134,61 +168,70 @@ export function deleteButton(work, done) {
       title: t`Delete this entry`, intro: t`${work.robot}: ${name}. The earlier baseline applies again, and alarms that this entry put into maintenance are open again.`,
       fields: [], submit: t`Delete the entry`, onsubmit: () => remove(`v1/maintenance/${work.maintenance_id}`),
     })) {
-      toast(t`Deleted: ${name}.`, async () => {
+      toast(`${t`Deleted: ${name}.`} ${again()} ${t`The earlier baseline applies again.`}`, { about: work.robot, undo: async () => {
         await post(`v1/robots/${encodeURIComponent(work.robot)}/maintenance`, { who: work.who ?? "unknown", what: work.what, joint: work.joint, at: work.at });
         done();
-      });
+      } });
       done();
     }
   } }, t`Delete`);
 }
 
-/** The form "enter work done" of a robot's page. */
-export function maintenanceForm(robot, joints, done) {
+/** The form "enter work done" of a robot's page. `place` gives the joint that the page is about, as for `optionOf`. */
+export function maintenanceForm(robot, joints, place, done) {
   const refusal = whyNot();
-  if (refusal) return h("div", null, refusal);
+  if (refusal) return { node: h("div", null, refusal), suggestPlace() {} };
   const node = form({
-    fields: maintenanceFields(joints, null, true), submit: t`Enter the work`,
+    fields: maintenanceFields(robot, joints, undefined), submit: t`Enter the work`,
     onsubmit: async (values) => {
       await enter(robot, values, done);
-      node.reset();
+      for (const name of ["what", "at"]) node.querySelector(`[name="${name}"]`).value = "";
+      chosen = false;
+      suggestPlace();
       done();
     },
   });
-  return node;
+  const select = node.querySelector('[name="joint"]');
+  let chosen = false;
+  select.addEventListener("change", () => { chosen = true; });
+  function suggestPlace() {
+    if (!chosen) select.value = String(optionOf(place()));
+  }
+  suggestPlace();
+  return { node, suggestPlace };
 }
 
 export function askMaintenance(anomaly, joints, done) {
   return ask({
     title: t`Work was done: ${nameOf(anomaly)}`,
     intro: t`From this work on, a new baseline is learnt. Earlier alarms of this place are in maintenance until tests show whether they are gone.`,
-    fields: maintenanceFields(joints, anomaly.joint, true), submit: t`Enter the work`,
+    fields: maintenanceFields(anomaly.robot, joints, anomaly.joint), submit: t`Enter the work`,
     onsubmit: (values) => enter(anomaly.robot, values, done),
   }).then((entered) => { if (entered) done(); });
 }
 
-const nameOf = (one) => `${one.robot}, ${jointName(one.joint)}, ${kindName(one.kind).toLowerCase()}`;
+const nameOf = (one) => `${one.robot}, ${jointName(one.joint)}, ${lower(kindName(one.kind))}`;
 
 const ACTIONS = {
   acknowledge: {
-    text: t`Acknowledge`, intro: t`Others see that somebody knows of this alarm.`, said: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
+    text: t`Acknowledge`, intro: t`Others see that somebody knows of this alarm.`, said: t`acknowledged`, to: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
   },
   shelve: {
-    text: t`Shelve until`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: "shelved", from: ["open", "acknowledged", "shelved"],
+    text: t`Shelve`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: t`shelved`, to: "shelved", from: ["open", "acknowledged", "shelved"],
     fields: () => [{
       name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(7), hint: t`In the time zone of this browser.`,
-      suggest: [[t`1 day`, inDays(1)], [t`7 days`, inDays(7)], [t`14 days`, inDays(14)], [t`30 days`, inDays(30)]],
+      suggest: [1, 2, 3, 7, 14, 30].map((days) => [plural(days, "day"), inDays(days)]),
     }, whoField(), whyField(t`For example: gearbox comes in two weeks.`)],
   },
   resolve: {
-    text: t`Resolve`, intro: t`The cause is gone. A later test that shows it opens the alarm again.`, said: "resolved", from: ["open", "acknowledged", "shelved", "maintenance"], fields: () => [whoField(), whyField()],
+    text: t`Resolve`, intro: t`The cause is gone. A later test that shows it opens the alarm again.`, said: t`resolved`, to: "resolved", from: ["open", "acknowledged", "shelved", "maintenance"], fields: () => [whoField(), whyField()],
   },
   "false-alarm": {
-    text: t`False alarm`, intro: t`Nothing was wrong. This episode does not open again.`, said: t`marked as a false alarm`, from: ["open", "acknowledged", "shelved", "maintenance", "resolved"],
+    text: t`False alarm`, intro: t`Nothing was wrong. This episode does not open again.`, said: t`marked as a false alarm`, to: "false_alarm", from: ["open", "acknowledged", "shelved", "maintenance", "resolved"],
     fields: () => [whoField(), whyField(t`What was seen on the robot.`)],
   },
   reopen: {
-    text: t`Reopen`, intro: t`Nobody deals with the alarm now.`, said: t`open again`, from: ["acknowledged", "shelved", "maintenance", "resolved", "false_alarm"], fields: () => [whoField(), whyField()],
+    text: t`Reopen`, intro: t`Nobody deals with the alarm now.`, said: t`open again`, to: "open", from: ["acknowledged", "shelved", "maintenance", "resolved", "false_alarm"], fields: () => [whoField(), whyField()],
   },
 };
 
@@ -210,12 +253,12 @@ export function actionButton(name, anomaly, done) {
     onsubmit: async (values) => {
       await send(name, { who: values.who, why: values.why || null, ...(values.until ? { until: utc(values.until) } : {}) });
       const back = BACK[anomaly.state];
-      toast(t`The alarm of ${nameOf(anomaly)} is ${action.said}.`, back ? async () => {
+      toast(t`The alarm of ${nameOf(anomaly)} is ${values.until ? t`shelved until ${momentText(new Date(values.until))}` : action.said}.`, { about: anomaly.robot, alarm: anomaly.anomaly_id, state: action.to, undo: back ? async () => {
         // A closed alarm cannot be shelved.
         if (back === "shelve") await send("reopen", { who: values.who, why: "undone" });
         await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: anomaly.shelved_until } : {}) });
         done();
-      } : null);
+      } : null });
     },
   }).then((entered) => { if (entered) done(); }) }, action.text);
 }
@@ -234,10 +277,10 @@ export function dismissButton(fault, done) {
       onsubmit: (values) => post(`v1/quarantine/${fault.run_id}/dismiss`, values),
     });
     if (!dismissed) return;
-    toast(t`${fault.source_name} is dismissed.`, async () => {
+    toast(t`${fault.source_name} is dismissed.`, { about: fault.run_id, undo: async () => {
       await post(`v1/quarantine/${fault.run_id}/retry`, {});
       done();
-    });
+    } });
     done();
   } }, t`Dismiss`);
 }
@@ -248,7 +291,7 @@ export function retryButton(fault, done) {
     button.disabled = true;
     try {
       await post(`v1/quarantine/${fault.run_id}/retry`, {});
-      toast(t`${fault.source_name} is read again at the next scan.`);
+      toast(t`${fault.source_name} is read again at the next scan.`, { about: fault.run_id });
       done();
     } catch (error) {
       toast(error.message);

@@ -2,13 +2,13 @@ import { actionButton, assignButton, commentForm, possibleActions, whyNot, workB
 import { fleet, view } from "./api.js";
 import { h } from "./dom.js";
 import { ago, isNumber, likelihood, moment, percent, sentence } from "./format.js";
-import { robotLink } from "./fleet.js";
-import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
+import { overdueNote, robotLink } from "./fleet.js";
+import { indexPlot, limitsOfAlarm, marksOf, smoothedOf } from "./index-plot.js";
 import { lower, t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
-import { figure, findingOf, isFriction, limitAndScore, more, quantityName } from "./quantities.js";
-import { badge, jointName, kindName, severityName, stateName } from "./status.js";
+import { figure, findingOf, isFriction, limitAndScore, more, quantityName, stateText, whatToDo } from "./quantities.js";
+import { badge, jointName, kindName, severityName } from "./status.js";
 
 const EVENTS = {
   opened: t`Opened`, worse: t`Worse`, corrected: t`Corrected to another kind`, ended: t`Ended: later tests no longer show it`, reopened: t`Reopened`,
@@ -34,7 +34,6 @@ export function mount({ main, argument, title }) {
   title(t`Alarm ${argument}`);
   let joints = [];
   let people = [];
-  let anomaly = null;
   let asked = null;
   // One request for all parts of the page.
   const row = () => (asked ??= view("anomalies", { anomaly_id: id, limit: 1 }).then((answer) => answer.rows[0] ?? null));
@@ -48,24 +47,25 @@ export function mount({ main, argument, title }) {
     className: "bare",
     load: async (signal) => {
       const one = await row();
-      if (one && one.robot !== anomaly?.robot) joints = (await view("fleet_health", { robot: one.robot, order: "joint" }, signal)).rows.map((of) => of.joint);
-      anomaly = one;
+      const health = one ? (await view("fleet_health", { robot: one.robot, order: "joint" }, signal)).rows : [];
+      joints = health.map((of) => of.joint);
       people = await peopleOf(signal);
-      return one;
+      return { one, overdue: health[0]?.expected_by };
     },
-    draw: (one) => {
+    draw: ({ one, overdue }) => {
       if (!one) return [h("h1", { tabindex: -1 }, t`There is no alarm ${argument}`), empty(t`It was withdrawn, or the number is wrong.`, h("p", null, h("a", { href: "#/" }, t`Show the fleet`)))];
       title(`${one.robot} ${jointName(one.joint)}: ${kindName(one.kind)}`);
       const onset = one.onset_at ?? one.first_seen_at;
       return [
         h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, t`Fleet`), " / ", h("a", { href: robotLink(one.robot, one.joint), "data-key": "robot" }, one.robot), " / ", t`alarm ${one.anomaly_id}`),
         h("h1", { tabindex: -1 }, `${one.robot}, ${jointName(one.joint)}: ${lower(kindName(one.kind))}`),
-        h("p", { class: "head-line" }, badge(one.severity), h("span", null, t`State: ${h("b", null, stateName(one.state))}`, one.shelved_until ? [" ", t`until ${moment(one.shelved_until)}`] : null),
+        h("p", { class: "head-line" }, badge(one.severity), h("span", null, t`State: ${h("b", null, stateText(one))}`),
           h("span", null, t`since ${moment(onset)}`, h("span", { class: "muted" }, ` ${ago(onset)}`)),
           one.assignee ? h("span", null, t`Assigned to ${h("b", null, one.assignee)}`) : null,
           one.ended ? h("span", { class: "muted" }, t`Later tests no longer show it.`) : null,
-          one.provisional ? h("span", { class: "muted" }, t`The test that shows it is still being written.`) : null),
+          one.provisional ? h("span", { class: "muted" }, t`The test that shows it is still being written.`) : null, overdueNote(overdue)),
         h("p", { class: "lead" }, findingOf(one), "."),
+        h("p", { class: "lead" }, whatToDo(one)),
         more(one).map((text) => h("p", { class: "muted" }, text)),
         h("div", { class: "actions", role: "group", "aria-label": t`Actions` },
           possibleActions(one).map((name) => actionButton(name, one, soon)),
@@ -110,11 +110,11 @@ export function mount({ main, argument, title }) {
       const marks = marksOf([{ ...one, severity: "warning", onset_at: one.onset_at ?? one.first_seen_at }], works, one.joint);
       if (shown === "rmsd" && rows.length) return rmsdPlot(rows, new Map(runs), marks, one, owned);
       if (one.joint === null) return empty(t`This anomaly concerns the whole arm, so that no single joint's curve shows it.`, h("p", null, h("a", { href: robotLink(one.robot), "data-key": "all" }, t`Show all joints of ${one.robot}`)));
-      const drawn = limitsOf({ limits }, [one], one.joint);
+      const drawn = limitsOfAlarm({ limits }, one);
       return [
         isFriction(one.quantity) ? null
           : h("p", { class: "part-note" }, t`The alarm is about the ${quantityName(one.quantity, one.kind)}. The curve is the friction index of the joint, for comparison.`),
-        indexPlot({ rows, joint: one.joint, limits: drawn, marks, title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
+        indexPlot({ rows, joint: one.joint, limits: drawn, marks, smoothed: smoothedOf(one), title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
         drawn.length ? h("p", { class: "part-note" }, t`The limit is that of the index smoothed over the tests; points are single tests.`) : null,
       ];
     },
@@ -134,9 +134,12 @@ export function mount({ main, argument, title }) {
 
   const comment = commentForm({ anomaly_id: id }, soon);
   const history = part({
-    title: t`History`, load: async (signal) => (await view("anomaly_history", { anomaly_id: id, order: "-anomaly_event_id" }, signal)).rows,
-    draw: (rows) => [rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
-      h("div", null, h("p", null, h("b", null, EVENTS[one.what] ?? one.what), one.who ? [" ", t`by ${one.who}`] : null, ` \u2013 ${severityName(one.severity)}`),
+    title: t`History`,
+    load: async (signal) => ({ rows: (await view("anomaly_history", { anomaly_id: id, order: "-anomaly_event_id" }, signal)).rows, one: await row() }),
+    // Only the end of the present shelving is stored.
+    draw: ({ rows, one: now }) => [rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
+      h("div", null, h("p", null, h("b", null, EVENTS[one.what] ?? one.what), now?.state === "shelved" && one === rows.find((of) => of.what === "shelved") ? [" ", t`until ${moment(now.shelved_until)}`] : null,
+        one.who ? [" ", t`by ${one.who}`] : null, ` \u2013 ${severityName(one.severity)}`),
         said(one))))) : empty(t`No events: the anomaly had ended when it was found.`), comment],
   });
 
@@ -165,11 +168,14 @@ function rmsdPlot(rows, runs, marks, one, owned) {
     by.get(row.run_id).push(row.moving_relative_rmsd);
   }
   const points = [...by].map(([run, values]) => ({ x: seconds(runs.get(run)), values: values.sort((a, b) => a - b) })).sort((a, b) => a.x - b.x);
+  const limits = one.quantity === "moving_relative_rmsd" && one.kind === "accuracy" && isNumber(one.threshold) ? [{ value: one.threshold, color: "--warning-icon", dash: [6, 4] }] : [];
+  const at = (kind) => marks.filter((mark) => mark.kind === kind).map((mark) => mark.x);
   return plot({
     title: t`Relative RMSD, ${jointName(one.joint)}`, time: true, xLabel: t`time`, yLabel: t`relative RMSD`, log: true, height: 280, format: (value) => percent(value, 2),
     formatTick: (value) => percent(value, value < 0.01 ? 1 : 0), boundsLabel: t`Range of the cycles`, marks,
-    limits: one.quantity === "moving_relative_rmsd" && one.kind === "accuracy" && isNumber(one.threshold) ? [{ value: one.threshold, color: "--warning-icon" }] : [],
+    limits,
     series: [{ label: t`median of the cycles`, x: points.map((p) => p.x), y: points.map((p) => p.values[Math.floor(p.values.length / 2)]), low: points.map((p) => p.values[0]), high: points.map((p) => p.values.at(-1)), color: "--plot", points: points.length < 90, size: 5 }],
-    legend: [{ label: t`median of the cycles, with their range`, color: "--plot" }, { label: t`onset of an alarm`, color: "--critical", upright: true }],
+    legend: [{ label: t`median of the cycles, with their range`, color: "--plot" }, ...limits.map((limit) => ({ label: t`limit of the alarm`, color: limit.color, dash: [4, 2] })),
+      { label: t`onset of an alarm`, color: "--critical", upright: true, at: at("onset") }, { label: t`maintenance`, color: "--plot-mark", upright: true, dash: [2, 1.5], at: at("maintenance") }],
   }, owned);
 }

@@ -5,8 +5,8 @@ import { robotLink } from "./fleet.js";
 import { moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { findingOf } from "./quantities.js";
-import { badge, jointName, kindName, severityName, STATES, stateName } from "./status.js";
+import { findingOf, stateText, worstAlarmFirst } from "./quantities.js";
+import { badge, jointName, kindName, severityName, STATES } from "./status.js";
 
 const MOST = 10_000;
 const DAY_MS = 86_400_000;
@@ -65,7 +65,7 @@ export function mount({ main, query, choose, title }) {
       for (const [id, name] of answers) who.set(id, (who.get(id) ?? new Set()).add(name));
       const people = [...new Set(answers.map((one) => one[1]))].sort();
       person.replaceChildren(...[["", t`anybody`], ...people.map((one) => [one, one])].map(([value, text]) => h("option", { value, selected: value === wanted.person }, text)));
-      const shown = rows.filter((one) => shows(one, who));
+      const shown = rows.filter((one) => shows(one, who)).sort(worstAlarmFirst);
       if (!rows.length) return empty(t`No alarm was ever found.`);
       return [
         h("p", { class: "muted found", role: "status" }, shown.length ? t`${shown.length} of ${plural(rows.length, "alarm")}` : t`None of ${plural(rows.length, "alarm")} matches. Change the filters.`),
@@ -76,7 +76,7 @@ export function mount({ main, query, choose, title }) {
           { title: t`Robot`, cell: (one) => [h("a", { href: robotLink(one.robot, one.joint), "data-key": `of${one.anomaly_id}` }, one.robot), `, ${jointName(one.joint)}`] },
           { title: t`Finding`, wide: true, cell: (one) => findingOf(one) },
           { title: t`Kind`, cell: (one) => kindName(one.kind) },
-          { title: t`State`, cell: (one) => [stateName(one.state), who.has(one.anomaly_id) ? h("small", { class: "muted" }, ` ${[...who.get(one.anomaly_id)].join(", ")}`) : null] },
+          { title: t`State`, cell: (one) => [stateText(one), who.has(one.anomaly_id) ? h("small", { class: "muted" }, ` ${[...who.get(one.anomaly_id)].join(", ")}`) : null] },
           { title: t`Assigned to`, cell: (one) => one.assignee ?? "" },
           { title: t`Onset`, cell: (one) => moment(one.onset_at ?? one.first_seen_at, "day") },
           { title: t`Last seen`, cell: (one) => moment(one.last_seen_at, "day") },

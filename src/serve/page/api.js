@@ -1,4 +1,5 @@
 import { askToken } from "./dialog.js";
+import { checkNotices } from "./dom.js";
 import { language, t } from "./messages.js";
 
 const KEY = "armwatch.token";
@@ -106,7 +107,12 @@ export function mayAskAgain() {
 export const get = (path, signal) => request(path, { signal });
 
 /** The fleet at a glance, with messages in the language of the page. */
-export const fleet = (signal) => get(language === "en" ? "v1/fleet" : `v1/fleet?language=${language}`, signal);
+export async function fleet(signal) {
+  const asked = Date.now();
+  const answer = await get(language === "en" ? "v1/fleet" : `v1/fleet?language=${language}`, signal);
+  checkNotices(answer.anomalies, asked);
+  return answer;
+}
 
 /** Rows of an SQL view. A view that an older daemon does not have gives no rows. */
 export async function view(name, query = {}, signal) {
@@ -114,8 +120,11 @@ export async function view(name, query = {}, signal) {
   for (const [key, value] of Object.entries(query)) wanted.set(key, value === null ? "null" : value);
   if (language !== "en") wanted.set("language", language);
   const text = wanted.toString();
+  const asked = Date.now();
   try {
-    return await get(`v1/views/${name}${text ? `?${text}` : ""}`, signal);
+    const answer = await get(`v1/views/${name}${text ? `?${text}` : ""}`, signal);
+    if (name === "anomalies") checkNotices(answer.rows, asked);
+    return answer;
   } catch (error) {
     if (error.status !== 404) throw error;
     return { view: name, rows: [], truncated: false, missing: true };

@@ -2,7 +2,7 @@ import { get, view } from "./api.js";
 import { h } from "./dom.js";
 import { robotLink } from "./fleet.js";
 import { digits, fixed, isNumber, percent, tick } from "./format.js";
-import { lower, t } from "./messages.js";
+import { lower, t, unbroken } from "./messages.js";
 import { empty, part } from "./part.js";
 import { plot } from "./plot.js";
 import { statusName } from "./status.js";
@@ -43,7 +43,7 @@ export function mount({ main, argument, query, choose, title }) {
         h("h1", { tabindex: -1 }, `${name}, ${one.robot}`),
         h("p", { class: "head-line" }, h("span", null, statusName(one.status)), isNumber(one.duration_s) ? h("span", null, `${fixed(one.duration_s, 1)} s`) : null,
           next(rows[place - 1], t`Cycle before`, "before"), next(rows[place + 1], t`Cycle after`, "after")),
-        one.reason ? h("p", { class: "lead" }, one.reason) : null,
+        one.reason ? h("p", { class: "lead" }, unbroken(one.reason)) : null,
       ];
     },
   });

@@ -13,6 +13,13 @@ function field(one) {
   } else {
     input = h("input", { ...props, type: one.type ?? "text", value: one.value ?? "", maxlength: one.type ? null : 500 });
   }
+  // What follows from the value.
+  const note = one.note ? h("p", { class: "hint", role: "status" }) : null;
+  if (note) {
+    const tell = async () => { note.textContent = await one.note(input.value).catch(() => ""); };
+    input.addEventListener("input", tell);
+    tell();
+  }
   const suggestions = (one.suggest ?? []).map(([text, value]) => h("button", {
     type: "button", class: "chip",
     onclick: () => { input.value = value ?? text; input.dispatchEvent(new Event("input", { bubbles: true })); },
@@ -20,7 +27,7 @@ function field(one) {
   return h("div", { class: "field" },
     h("label", { for: id }, one.label, one.required || one.chosen ? null : h("span", { class: "muted" }, " ", t`(optional)`)),
     suggestions.length ? h("div", { class: "chips", role: "group", "aria-label": t`Suggestions for: ${one.label}` }, suggestions) : null,
-    input, hint);
+    input, hint, note);
 }
 
 /** A form that stays unchanged while its work runs, and shows the server's sentence if the work fails. */

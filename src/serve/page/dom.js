@@ -98,6 +98,14 @@ function csv(rows) {
   return [names, ...rows.map((row) => names.map((name) => row[name]))].map((row) => row.map(cell).join(",")).join("\r\n");
 }
 
+const told = new WeakSet();
+/** Writes a fault of the page itself to the console. A request that failed shows on the page. */
+export function logFault(error) {
+  if (error.status !== undefined || error.name === "AbortError" || told.has(error)) return;
+  told.add(error);
+  console.error(error);
+}
+
 let announcing;
 export function announce(text) {
   const node = document.getElementById("announce");
@@ -106,8 +114,26 @@ export function announce(text) {
   announcing = setTimeout(() => { node.textContent = text; }, 60);
 }
 
-/** A short note at the screen's edge that a screen reader hears too. `undo` takes back what it reports. */
-export function toast(text, undo) {
+const NOTICE_MS = 6000;
+const UNDO_MS = 30_000;
+let notices = [];
+
+const keepNotices = (keeps) => {
+  for (const one of notices) if (!keeps(one)) one.node.remove();
+  notices = notices.filter((one) => one.node.isConnected);
+};
+
+/** Removes all notices but the latest: another page is shown. */
+export const keepLastNotice = () => keepNotices((one) => one === notices.at(-1));
+
+/** Removes notices about states that alarms no longer have. The rows were asked for at `asked`. */
+export const checkNotices = (rows, asked) => keepNotices((one) => one.at > asked || !rows.some((row) => row.anomaly_id === one.alarm && row.state !== one.state));
+
+/**
+ * A short note at the screen's edge that a screen reader hears too. `undo` takes back what it reports. It replaces the
+ * note about the same robot or file; one about the `state` of an `alarm` lasts as long as the alarm has it.
+ */
+export function toast(text, { undo, about, alarm, state } = {}) {
   const button = undo ? h("button", { type: "button", class: "quiet", onclick: async () => {
     button.disabled = true;
     try {
@@ -119,9 +145,11 @@ export function toast(text, undo) {
     }
   } }, t`Undo`) : null;
   const node = h("div", { class: "toast" }, h("span", null, text), button);
+  keepNotices((one) => about === undefined || one.about !== about);
   document.getElementById("toasts").append(node);
+  notices.push({ node, about, alarm, state, at: Date.now() });
   announce(undo ? t`${text} Undo is at the end of the page.` : text);
-  setTimeout(() => node.remove(), undo ? 15_000 : 6000);
+  setTimeout(() => node.remove(), undo ? UNDO_MS : NOTICE_MS);
 }
 
 export function remembered(key, fallback = "") {

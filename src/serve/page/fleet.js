@@ -4,8 +4,8 @@ import { ago, change, count, moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
-import { badge, jointName, kindName, kindWord, known, rank, severityName, stateName, STATUSES, statusName } from "./status.js";
-import { findingOf, isFriction } from "./quantities.js";
+import { badge, jointName, kindName, kindWord, known, rank, stateName, STATUSES, statusName } from "./status.js";
+import { findingOf, isFriction, stateText, whatToDo, worstAlarmFirst } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -15,12 +15,17 @@ const idle = globalThis.requestIdleCallback ? (work) => requestIdleCallback(work
 // Browsers need not lay out far rows of a long list.
 const MANY = 40;
 const names = new Intl.Collator("en", { numeric: true });
-export const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_alarms - a.open_alarms || furthest(b) - furthest(a)
-  || names.compare(a.robot, b.robot);
+/** The order of robots: by status, then as the worst open alarm of each. */
+export function worstFirst(anomalies) {
+  const alarms = anomalies.filter(isAlarm).sort((a, b) => (b.state === "open") - (a.state === "open") || worstAlarmFirst(a, b)).map((one) => one.robot);
+  const place = new Map(alarms.map((robot) => [robot, alarms.indexOf(robot)]));
+  const at = (one) => place.get(one.robot) ?? alarms.length;
+  return (a, b) => rank(a.status) - rank(b.status) || at(a) - at(b) || furthest(b) - furthest(a) || names.compare(a.robot, b.robot);
+}
 const ORDERS = {
   worst: [t`Worst first`, worstFirst],
-  name: [t`Name`, (a, b) => names.compare(a.robot, b.robot)],
-  test: [t`Longest without a test`, (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || worstFirst(a, b)],
+  name: [t`Name`, () => (a, b) => names.compare(a.robot, b.robot)],
+  test: [t`Longest without a test`, () => (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || names.compare(a.robot, b.robot)],
 };
 
 function furthest(robot) {
@@ -32,10 +37,16 @@ export const robotLink = (robot, joint) => `#/robot/${encodeURIComponent(robot)}
 const isAlarm = (one) => one.severity !== "info";
 
 /** The alarms of a robot that are not settled, worst first. */
-export const alarmsOf = (anomalies, robot) => anomalies.filter((one) => one.robot === robot && isAlarm(one)).sort((a, b) => rank(a.severity) - rank(b.severity));
+export const alarmsOf = (anomalies, robot) => anomalies.filter((one) => one.robot === robot && isAlarm(one)).sort(worstAlarmFirst);
 
-/** Since when a robot's status is older than its usual interval between tests; null while it is not. */
+/** Since when a robot has been overdue for a test without its status saying so; null while it is not. */
 export const staleSince = (robot, now) => (robot.status !== "overdue" && robot.expected_by && Date.parse(robot.expected_by) < now ? robot.expected_by : null);
+
+/** When the next test is overdue, or since when. */
+export function overdueNote(by) {
+  if (!by) return null;
+  return Date.parse(by) < Date.now() ? h("span", { class: "late" }, t`overdue since ${moment(by, "day")}`) : h("span", { class: "muted" }, t`next test overdue after ${moment(by, "day")}`);
+}
 
 /** How a joint looks: its status, the number or the word that explains it, and who deals with it. */
 export function jointLook(joint, alarms) {
@@ -46,7 +57,7 @@ export function jointLook(joint, alarms) {
   const answered = inAlarm && own.length && own.every((one) => one.state !== "open") ? stateName(own[0].state) : null;
   const index = change(joint.friction_index);
   const cause = inAlarm && own.length && !isFriction(own[0].quantity) ? kindWord(own[0].kind) : null;
-  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? t`whole arm` : statusName(joint.status), value: cause ?? index, index, answered };
+  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? t`alarm of the whole arm` : statusName(joint.status), value: cause ?? index, index, answered };
 }
 
 /** A joint at a glance, as a link to its figures. */
@@ -55,8 +66,8 @@ export function jointCell(robot, joint, range, alarms = []) {
   const words = [`${jointName(joint.joint)}: ${word}`, joint.friction_index === null ? t`no friction index` : t`friction index ${index}`, answered, joint.reason].filter(Boolean);
   const cell = h("a", {
     class: `cell s-${status}`, href: robotLink(robot, joint.joint), title: words.join("\n"), "data-key": `${robot}/${joint.joint}`,
-  }, h("span", { class: "cell-head" }, icon(status === "arm" ? "info" : status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
-    status === "ok" ? hidden(`, ${word}, `) : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
+  }, h("span", { class: "cell-head" }, status === "arm" ? null : icon(status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
+    status === "ok" || status === "arm" ? hidden(`, ${word}, `) : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
   h("span", { class: "cell-value" }, value));
   cell.append(spark(joint.history, range));
   if (answered) cell.append(h("span", { class: "cell-mark" }, answered));
@@ -70,8 +81,9 @@ export function alarmRow(one, now) {
       h("span", { class: "alarm-severity" }, badge(one.severity)),
       h("span", { class: "alarm-where" }, h("b", null, one.robot), h("span", null, ` ${jointName(one.joint)}`)),
       h("span", { class: "alarm-text" }, findingOf(one),
-        one.state === "open" ? null : h("span", { class: "tag" }, stateName(one.state)),
-        one.provisional ? h("span", { class: "tag" }, t`test still being written`) : null),
+        one.state === "open" ? null : h("span", { class: "tag" }, stateText(one, "day")),
+        one.provisional ? h("span", { class: "tag" }, t`test still being written`) : null,
+        one.state === "open" ? whatToDo(one, { class: "alarm-advice" }) : null),
       h("span", { class: "alarm-since" }, t`since ${moment(onset, "day")}`, h("span", { class: "muted" }, ` ${ago(onset, now)}`))));
 }
 
@@ -86,12 +98,12 @@ function robotRow(robot, range, now, alarms) {
     h("div", { class: "robot-head" },
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
       h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || t`model not recognised`),
-        stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null,
-        arm.map((one) => h("span", null, `${t`${kindName(one.kind)} of the whole arm`}: ${severityName(one.severity)}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
+        stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null,
+        arm.map((one) => badge(one.severity, `${t`${kindName(one.kind)} of the whole arm`}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
         robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
         robot.open_infos ? h("span", { class: "muted" }, t`${count(robot.open_infos)} worth knowing`) : null),
       test,
-      late ? h("p", { class: "late" }, t`Test overdue: expected by ${moment(robot.expected_by, "day")}`) : null),
+      late && !stale ? h("p", { class: "late" }, t`overdue since ${moment(robot.expected_by, "day")}`) : null),
     robot.joints.length
       ? h("div", { class: "cells" }, robot.joints.map((joint) => jointCell(robot.robot, joint, range, alarms)))
       : h("p", { class: "muted" }, t`No joint has a figure yet. The first complete test gives them.`));
@@ -174,8 +186,8 @@ export function mount({ main, query, choose, title }) {
       total(t`In quarantine`, of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total(t`Live tests`, of.streaming_runs, "#/ingest"));
     const now = Date.parse(data.now);
     const minute = Math.floor(now / 60_000);
-    const open = data.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
-    const rest = data.anomalies.filter((one) => !open.includes(one));
+    const open = data.anomalies.filter((one) => one.state === "open" && isAlarm(one)).sort(worstAlarmFirst);
+    const rest = data.anomalies.filter((one) => !open.includes(one)).sort(worstAlarmFirst);
     const shown = allAlarms ? open : open.slice(0, FIRST_ALARMS);
     const answered = rest.filter(isAlarm);
     const states = [...new Set(answered.map((one) => stateName(one.state)))];
@@ -220,7 +232,7 @@ export function mount({ main, query, choose, title }) {
   function drawRobots() {
     const asked = words.trim().toLowerCase();
     const shown = data.robots.filter((one) => (!status || one.status === status)
-      && (!asked || one.robot.toLowerCase().includes(asked) || (one.model ?? "").toLowerCase().includes(asked))).sort(ORDERS[order][1]);
+      && (!asked || one.robot.toLowerCase().includes(asked) || (one.model ?? "").toLowerCase().includes(asked))).sort(ORDERS[order][1](data.anomalies));
     const range = sparkRange(data.robots);
     const now = Date.parse(data.now);
     const own = ++pending;
@@ -277,6 +289,7 @@ export function mount({ main, query, choose, title }) {
   }
 
   async function refresh() {
+    const first = data === null;
     try {
       const fresh = await fleet();
       if (gone) return;
@@ -284,7 +297,7 @@ export function mount({ main, query, choose, title }) {
       data = fresh;
       draw();
     } catch (error) {
-      if (!gone && (data === null || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, t`Fleet`), failed(error, () => refresh().catch(() => {})));
+      if (!gone && (first || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, t`Fleet`), failed(error, () => refresh().catch(() => {})));
       throw error;
     }
   }

@@ -1,5 +1,5 @@
 import { h } from "./dom.js";
-import { language, t } from "./messages.js";
+import { language, t, unbroken } from "./messages.js";
 
 const MINUS = "\u2212";
 const THIN = "\u202f";
@@ -63,7 +63,7 @@ export function plural(number, noun) {
 }
 
 export function sentence(text) {
-  return text ? text[0].toUpperCase() + text.slice(1) : "";
+  return text ? unbroken(text[0].toUpperCase() + text.slice(1)) : "";
 }
 
 /** The clauses of a message: the finding, then figures and advice. A semicolon inside brackets parts nothing. */
@@ -72,7 +72,7 @@ export function clauses(message) {
 }
 
 /** A message without its joint, which stands beside it. */
-export const withoutJoint = (message, joint) => (message?.startsWith(`${joint}: `) ? message.slice(joint.length + 2) : message ?? "");
+export const withoutJoint = (message, joint) => unbroken(message?.startsWith(`${joint}: `) ? message.slice(joint.length + 2) : message ?? "");
 
 function utcTitle(text) {
   return `${text.replace("T", " ").replace(/\.000Z$/, "Z").replace("Z", "")} UTC`;

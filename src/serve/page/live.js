@@ -1,5 +1,5 @@
 import { headers } from "./api.js";
-import { announce } from "./dom.js";
+import { announce, logFault } from "./dom.js";
 import { span } from "./format.js";
 import { t } from "./messages.js";
 
@@ -15,18 +15,27 @@ export function follow({ changed, note }) {
   let stream = null;
   let retry = 0;
   let timer = null;
+  // When the present connection was asked for, and the last sign of life of any. Only the latter says that the page is live.
+  let asked = 0;
   let heard = 0;
   let connected = null;
+  let said = false;
   let fresh = Date.now();
   let due = false;
   let busy = false;
   let began = 0;
 
+  const isSilent = () => Date.now() - heard > SILENCE_MS;
+
   function tell(now) {
-    if (connected === now) return;
-    if (connected !== null || !now) announce(now ? t`Connected again.` : t`The connection to the daemon is lost. Trying again.`);
     connected = now;
     words();
+  }
+
+  function lost() {
+    if (!said) announce(t`The connection to the daemon is lost. Trying again.`);
+    said = true;
+    tell(false);
   }
 
   function words() {
@@ -44,7 +53,9 @@ export function follow({ changed, note }) {
     try {
       await changed();
       fresh = Date.now();
-    } catch { /* The page shows it. */ }
+    } catch (error) {
+      logFault(error);
+    }
     setTimeout(() => { busy = false; run(); }, Math.max(0, began + PAUSE_MS - Date.now()));
   }
 
@@ -62,7 +73,7 @@ export function follow({ changed, note }) {
     const old = stream;
     stream = own;
     old?.abort();
-    heard = Date.now();
+    asked = Date.now();
     try {
       const answer = await fetch(new URL("v1/events", document.baseURI), {
         headers: { Accept: "text/event-stream", ...headers() }, signal: own.signal, cache: "no-store",
@@ -74,6 +85,8 @@ export function follow({ changed, note }) {
         due = true;
         run();
       }
+      if (said) announce(t`Connected again.`);
+      said = false;
       tell(true);
       retry = 0;
       const opened = heard;
@@ -96,7 +109,7 @@ export function follow({ changed, note }) {
       throw new Error("ended");
     } catch {
       if (own !== stream) return;
-      tell(false);
+      lost();
       retry = Math.min(retry + 1, 5);
       timer = setTimeout(connect, Math.min(15_000, 500 * 2 ** retry));
     }
@@ -110,7 +123,8 @@ export function follow({ changed, note }) {
   }
 
   setInterval(() => {
-    if (stream && Date.now() - heard > SILENCE_MS) stream.abort();
+    if (stream && isSilent() && Date.now() - asked > SILENCE_MS) stream.abort();
+    if (connected && isSilent() && !document.hidden) lost();
     if (connected !== false) return;
     words();
     if (Date.now() - began > POLL_MS) {
@@ -122,6 +136,8 @@ export function follow({ changed, note }) {
   document.addEventListener("visibilitychange", () => {
     if (document.hidden) pause();
     else if (stream === null) {
+      // Not announced: usually the daemon answers at once.
+      if (connected && isSilent()) tell(false);
       due = true;
       run();
       connect();

@@ -1,5 +1,5 @@
 import { logIn, logOut, readRights, rights } from "./api.js";
-import { h, remember, toast } from "./dom.js";
+import { h, keepLastNotice, logFault, remember, toast } from "./dom.js";
 import { follow } from "./live.js";
 import { language, LANGUAGES, t } from "./messages.js";
 import { failed, loading } from "./part.js";
@@ -38,6 +38,7 @@ async function show() {
   const file = PAGES[name];
   page?.destroy();
   page = null;
+  keepLastNotice();
   here = location.hash;
   for (const link of document.querySelectorAll(".bar nav a")) {
     if (link.dataset.page === file) link.setAttribute("aria-current", "page");
@@ -57,7 +58,7 @@ async function show() {
     if (at !== here) return;
     page = mount({ main, argument, query, choose, title: (text) => { document.title = `${text} \u2013 armwatch`; } });
     const own = page;
-    await own.refresh().then(() => stream.reached(), () => {});
+    await own.refresh().then(() => stream.reached(), logFault);
     if (own !== page) return;
     if (back) scrollTo(0, scrolled.get(at) ?? 0);
     else scrollTo(0, 0);

@@ -1,11 +1,20 @@
-import { h, replace } from "./dom.js";
+import { h, logFault, replace } from "./dom.js";
 import { mayAskAgain } from "./api.js";
 import { t } from "./messages.js";
 
 let number = 0;
 
-export function loading(text = t`Loading`) {
-  return h("p", { class: "page-note" }, text);
+const PATIENCE_MS = 5000;
+
+/** A note until the data are there. If that takes long, it says so. */
+export function loading(begins = true) {
+  const note = h("p", { class: "page-note loading" }, t`Loading`);
+  if (begins) runsLong(note);
+  return note;
+}
+
+function runsLong(note) {
+  setTimeout(() => { if (note.isConnected) note.textContent = t`No answer from the daemon yet. The page keeps waiting.`; }, PATIENCE_MS);
 }
 
 export function failed(error, retry) {
@@ -23,7 +32,8 @@ export function empty(...children) {
  */
 export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, level = 2, className = "" }) {
   const id = `p${++number}`;
-  const body = h("div", { class: "part-body" }, loading());
+  const waiting = loading(!lazy);
+  const body = h("div", { class: "part-body" }, waiting);
   const element = h("section", { class: `part ${className}`, "aria-labelledby": title ? id : null },
     title ? h("div", { class: "part-head" }, h(`h${level}`, { id }, title), tools) : null,
     note ? h("p", { class: "part-note" }, note) : null, body);
@@ -62,6 +72,7 @@ export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, 
       show(draw(data, fresh), fresh);
     } catch (error) {
       if (gone || error.name === "AbortError") return;
+      logFault(error);
       // Shown data stay: the note next to the page's name gives their age.
       if (seen !== null && error.status === 0) throw error;
       seen = null;
@@ -76,6 +87,7 @@ export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, 
       if (!entries.some((one) => one.isIntersecting)) return;
       watcher.disconnect();
       wanted = true;
+      runsLong(waiting);
       refresh(true).catch(() => {});
     }, { rootMargin: "400px" });
     watcher.observe(element);

@@ -82,6 +82,9 @@ function logTicks(low, high) {
   return found;
 }
 
+/** Entries of a legend without those whose marks are all outside of the plot. */
+export const inside = (entries, [from, to]) => entries?.filter((one) => !one.at || one.at.some((x) => x >= from && x <= to));
+
 export function legend(entries) {
   const line = (one) => {
     const node = svg("svg", { viewBox: "0 0 20 10", "aria-hidden": "true" });
@@ -125,8 +128,13 @@ export function plot(given, owned) {
   const tip = h("div", { class: "plot-tip", hidden: true });
   const box = h("div", { class: "plot-box", role: "img", tabindex: 0, "aria-label": t`${spec.label ?? spec.title}. ${spec.yLabel} over ${spec.xLabel}. The figures follow as a table. Arrow keys move the cursor.` }, tip);
   box.style.height = `${spec.height}px`;
-  const element = h("figure", { class: "plot" }, spec.hideTitle ? null : h("figcaption", { class: "plot-title" }, spec.head ?? spec.title), box, legend(spec.legend), figures(spec));
   const data = joined(spec.series);
+  const first = data[0][0] ?? 0;
+  const last = data[0][data[0].length - 1] ?? 1;
+  const pad = (last - first || (spec.time ? 86400 * 2 : 1)) * 0.03;
+  const bounds = spec.xRange ?? [first - pad, last + pad];
+  spec.legend = inside(spec.legend, bounds);
+  const element = h("figure", { class: "plot" }, spec.hideTitle ? null : h("figcaption", { class: "plot-title" }, spec.head ?? spec.title), box, legend(spec.legend), figures(spec));
   let chart = null;
   let gone = false;
 
@@ -230,7 +238,7 @@ export function plot(given, owned) {
       const dot = h("i");
       dot.style.background = paint(one.color);
       const at = one.x.indexOf(x);
-      const bounds = one.low && isNumber(one.low[at]) ? ` (${spec.format(one.low[at])} to ${spec.format(one.high[at])})` : "";
+      const bounds = one.low && isNumber(one.low[at]) ? ` (${t`${spec.format(one.low[at])} to ${spec.format(one.high[at])}`})` : "";
       return h("p", null, h("span", null, dot, one.label), h("b", null, `${spec.format(y)}${bounds}`));
     }));
     tip.hidden = false;
@@ -242,10 +250,6 @@ export function plot(given, owned) {
   function build(UPlot) {
     const axis = { stroke: () => css("--muted"), font: FONT, grid: { stroke: () => css("--plot-grid"), width: 1 }, ticks: { show: false } };
     const [low, high] = extent(spec);
-    const first = data[0][0] ?? 0;
-    const last = data[0][data[0].length - 1] ?? 1;
-    const pad = (last - first || (spec.time ? 86400 * 2 : 1)) * 0.03;
-    const bounds = spec.xRange ?? [first - pad, last + pad];
     chart = new UPlot({
       width: Math.max(120, box.clientWidth), height: spec.height, legend: { show: false }, pxAlign: 0,
       padding: [8, 12, 0, 0],

@@ -1,7 +1,8 @@
-import { change, clauses, digits, fixed, isNumber, percent, sentence, withoutJoint } from "./format.js";
+import { h } from "./dom.js";
+import { change, clauses, digits, fixed, isNumber, moment, percent, sentence, withoutJoint } from "./format.js";
 import { QUANTITIES } from "./lists.js";
 import { t } from "./messages.js";
-import { jointName } from "./status.js";
+import { jointName, rank, stateName } from "./status.js";
 
 const times = (value) => t`${digits(value, 3)} times`;
 
@@ -41,8 +42,29 @@ export function limitAndScore(one) {
   return [(one.threshold ? said(one.threshold) : null) ?? t`none`, text ?? ""];
 }
 
+/** Size of an alarm as a multiple of its limit, so that alarms of all quantities compare. */
+const sizeOf = (one) => (isNumber(one.score) && one.threshold > 0 ? Math.abs(one.score) / one.threshold : 0);
+const isClosed = (one) => ["resolved", "false_alarm"].includes(one.state);
+
+/** The order of alarms everywhere: those to do first, then by severity, size and time. */
+export const worstAlarmFirst = (a, b) => isClosed(a) - isClosed(b) || rank(a.severity) - rank(b.severity) || sizeOf(b) - sizeOf(a)
+  || b.last_seen_at.localeCompare(a.last_seen_at) || a.anomaly_id - b.anomaly_id;
+
+/** The state of an alarm, with the end of a state that ends by itself. */
+export const stateText = (one, style) => (one.state === "shelved" && one.shelved_until ? t`shelved until ${moment(one.shelved_until, style)}` : stateName(one.state));
+
 /** The finding of an alarm, without values and advice that follow. */
 export const findingOf = (one) => sentence(clauses(withoutJoint(one.message, jointName(one.joint)))[0]);
 
-/** What follows the finding: values and advice. */
-export const more = (one) => clauses(one.message).slice(1).map((text) => `${sentence(text)}.`);
+// Words of all clauses of findings.tsv that say what to do, in the languages of the page.
+const ADVICE = /\b(?:check|look) |or record |controllare|cercare|registrare il|prüfen|suchen|eintragen|请/;
+const after = (one, isAdvice) => clauses(one.message).slice(1).filter((text) => ADVICE.test(text) === isAdvice).map((text) => `${sentence(text)}.`);
+
+/** What follows the finding: values. */
+export const more = (one) => after(one, false);
+
+/** What to do about an alarm, as a line of its own; null if its message says nothing. */
+export function whatToDo(one, props) {
+  const said = after(one, true);
+  return said.length ? h("span", props, h("b", null, t`What to do:`), ` ${said.join(" ")}`) : null;
+}

@@ -1,12 +1,13 @@
 import { cancelWindowButton, deleteButton, editButton, maintenanceForm, windowButton } from "./actions.js";
 import { fleet as readFleet, get, view } from "./api.js";
 import { h, icon, replace, table } from "./dom.js";
-import { alarmRow, alarmsOf, jointCell, robotLink, staleSince } from "./fleet.js";
+import { alarmRow, alarmsOf, jointCell, overdueNote, robotLink, staleSince } from "./fleet.js";
 import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, tick, unit, withoutJoint } from "./format.js";
 import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plot.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { legend, plot, seconds } from "./plot.js";
+import { inside, legend, plot, seconds } from "./plot.js";
+import { worstAlarmFirst } from "./quantities.js";
 import { speedPlot, warmUpPlot } from "./friction-plots.js";
 import { sparkRange } from "./spark.js";
 import { badge, jointName, known, rank } from "./status.js";
@@ -37,6 +38,8 @@ function fill(node, options, value) {
 export function mount({ main, argument: robot, query, choose, title }) {
   title(robot);
   let joint = Number(query.get("joint")) || null;
+  // The joint that a link or a person named. Without one, the page shows the worst joint.
+  let named = joint;
   let run = Number(query.get("run")) || null;
   let own = query.get("scale") === "own";
   let parameter = query.get("parameter") ?? "f1";
@@ -47,10 +50,13 @@ export function mount({ main, argument: robot, query, choose, title }) {
   let ready;
   // Parts of one joint wait until the page knows which joint and run they show.
   const chosen = new Promise((resolve) => { ready = resolve; });
-  
 
   const fleet = () => (asked ??= readFleet());
   const jointsOf = () => whole?.joints.map((one) => one.joint) ?? [];
+  let inAlarm = [];
+  let work = null;
+  /** Where work was done, as far as the page can tell: the named joint, or the only place in alarm. */
+  const placeOfWork = () => (jointsOf().includes(named) ? named : inAlarm.length === 1 ? inAlarm[0] : undefined);
 
   const head = h("div");
   let headText = null;
@@ -69,10 +75,9 @@ export function mount({ main, argument: robot, query, choose, title }) {
     const worst = whole.joints.filter((one) => one.status === whole.status);
     const reasons = by(worst.filter((one) => one.reason), "reason");
     replace(head, crumb, h("h1", { tabindex: -1 }, robot),
-      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
+      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
         h("span", null, t`last test ${moment(whole.last_run_at)}`, h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
-        whole.expected_by ? h("span", { class: worst.some((one) => one.status === "overdue") ? "late" : "muted" },
-          Date.parse(whole.expected_by) < Date.now() ? t`next test was expected by ${moment(whole.expected_by, "day")}` : t`next test expected by ${moment(whole.expected_by, "day")}`) : null),
+        stale ? null : overdueNote(whole.expected_by)),
       [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? t`All joints:` : joints.length > 1 ? t`Joints ${joints.map((one) => one.joint).join(", ")}:` : t`Joint ${joints[0].joint}:`, " ", withoutJoint(reason, jointName(joints[0].joint)), ".")),
       whole.joints.filter((one) => one.warning_by || one.critical_by).map((one) => h("p", { class: "lead" }, t`Joint ${one.joint}: friction is ${one.trend ? t(one.trend) : t`changing`}.`, " ",
         one.warning_by ? [t`A warning is expected by ${moment(one.warning_by, "day")}.`, " "] : null, one.critical_by ? [t`The critical limit is expected by ${moment(one.critical_by, "day")}.`] : null)),
@@ -102,6 +107,8 @@ export function mount({ main, argument: robot, query, choose, title }) {
 
   function setJoint(next) {
     joint = next;
+    named = next;
+    work?.suggestPlace();
     choose({ joint });
     fill(jointSelect, jointsOf().map((one) => [one, t`Joint ${one}`]), joint);
     for (const cell of head.querySelectorAll(".cell")) {
@@ -115,7 +122,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
     title: t`Alarms`, className: "flush",
     load: async (signal) => (await view("anomalies", { robot, order: "-last_seen_at", limit: 200 }, signal)).rows,
     draw: (rows) => {
-      const active = rows.filter((one) => !["resolved", "false_alarm"].includes(one.state)).sort((a, b) => rank(a.severity) - rank(b.severity));
+      const active = rows.filter((one) => !["resolved", "false_alarm"].includes(one.state)).sort(worstAlarmFirst);
       const closed = rows.filter((one) => !active.includes(one));
       return [
         active.length ? h("ol", { class: "alarms" }, active.map((one) => alarmRow(one))) : h("p", { class: "calm" }, icon("ok"), t`No open alarm.`),
@@ -158,7 +165,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
             head: [h("span", null, t`Joint ${number}`), status ? badge(known(status)) : null, h("span", { class: "muted" }, change(value))],
           }, owned);
         })),
-        legend(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one)))),
+        legend(inside(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one))), xRange)),
         limits ? null : h("p", { class: "part-note" }, anyLimit ? t`A limit is drawn where an alarm states it. The daemon does not state the limits of the other joints.` : t`No limit is drawn: the daemon does not state the limits of these joints.`),
         truncated ? h("p", { class: "part-note" }, t`The history is longer than 10 000 points; the latest of them are shown.`) : null,
       ];
@@ -358,7 +365,12 @@ export function mount({ main, argument: robot, query, choose, title }) {
       if (gone) return;
       drawHead(data);
       fill(jointSelect, jointsOf().map((one) => [one, t`Joint ${one}`]), joint);
-      if (whole && !workForm.querySelector("form")) workForm.lastChild.replaceWith(maintenanceForm(robot, jointsOf(), () => refresh().catch(() => {})));
+      inAlarm = [...new Set(alarmsOf(data.anomalies, robot).map((one) => one.joint))];
+      if (whole && !workForm.querySelector("form")) {
+        work = maintenanceForm(robot, jointsOf(), placeOfWork, soon);
+        workForm.lastChild.replaceWith(work.node);
+      }
+      work?.suggestPlace();
     } catch (error) {
       if (!head.firstChild) replace(head, h("h1", { tabindex: -1 }, robot));
       if (error.status !== 0 && error.status !== 401) throw error;

@@ -3,7 +3,7 @@ import { cycleLink } from "./cycle.js";
 import { h, table } from "./dom.js";
 import { robotLink } from "./fleet.js";
 import { count, digits, fixed, isNumber, moment, percent, unit } from "./format.js";
-import { t } from "./messages.js";
+import { t, unbroken } from "./messages.js";
 import { empty, part } from "./part.js";
 import { JOINT_COLORS, JOINT_DASHES, plot } from "./plot.js";
 import { badge, statusName } from "./status.js";
@@ -17,7 +17,7 @@ function fact(name, value, more) {
   return h("div", null, h("dt", null, name), h("dd", null, value, more ? h("small", null, more) : null));
 }
 
-const sentences = (one) => [one.reason, one.remarks].filter(Boolean).flatMap((text) => text.split("\n"));
+const sentences = (one) => [one.reason, one.remarks].filter(Boolean).flatMap((text) => unbroken(text).split("\n"));
 // Equal remarks on several cycles differ only in their numbers.
 const plain = (text) => text.replace(/[\d.]+/g, "#");
 
@@ -51,7 +51,7 @@ export function mount({ main, argument, query, choose, title }) {
         h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, t`Fleet`), " / ", h("a", { href: robotLink(one.robot), "data-key": "robot" }, one.robot), " / ", t`run ${id}`),
         h("h1", { tabindex: -1 }, t`Run ${id} of ${one.robot}`),
         h("p", { class: "head-line" }, runStatus(one), h("span", null, t`started ${moment(one.started_at)}`), one.superseded_by_run_id ? h("a", { href: `#/run/${one.superseded_by_run_id}`, "data-key": "newer" }, t`superseded by run ${one.superseded_by_run_id}`) : null),
-        one.reason ? h("p", { class: "lead" }, one.reason) : null,
+        one.reason ? h("p", { class: "lead" }, unbroken(one.reason)) : null,
         one.status === "quarantined" ? h("p", null, h("a", { href: "#/ingest", "data-key": "quarantine" }, t`Show it in quarantine`)) : null,
       ];
     },

@@ -4,7 +4,7 @@ import { alarmsOf, jointLook, robotLink, staleSince, watchedNote, worstFirst } f
 import { moment, plural } from "./format.js";
 import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { jointName, known, STATUSES, statusName } from "./status.js";
+import { jointName, kindName, known, STATUSES, statusName } from "./status.js";
 
 /** The fleet on a screen at the wall: one tile per robot, the worst first, without scrolling for 60 robots. */
 export function mount({ main, title }) {
@@ -20,9 +20,9 @@ export function mount({ main, title }) {
     return h("li", null, h("a", { class: `tile s-${known(robot.status)}${stale ? " is-stale" : ""}`, href: robotLink(robot.robot), "data-key": robot.robot },
       h("span", { class: "tile-head" }, icon(known(robot.status)), h("b", null, robot.robot), hidden(`, ${statusName(robot.status)}`)),
       h("span", { class: "tile-joints" }, looks.map(([joint, look]) => h("span", { class: `tile-joint s-${look.status}`, title: `${jointName(joint.joint)}: ${look.word}` },
-        look.status === "ok" ? h("span", { "aria-hidden": "true" }, joint.joint) : h("b", { "aria-hidden": "true" }, joint.joint), hidden(`${jointName(joint.joint)} ${look.word}, `)))),
+        ["ok", "arm"].includes(look.status) ? h("span", { "aria-hidden": "true" }, joint.joint) : h("b", { "aria-hidden": "true" }, joint.joint), hidden(`${jointName(joint.joint)} ${look.word}, `)))),
       h("span", { class: "tile-note" }, arm && !looks.some(([, look]) => look.status === robot.status) ? t`${kindName(arm.kind)} of the whole arm` : worstWord(robot, looks)),
-      stale ? h("span", { class: "tile-note late" }, t`stale since ${moment(stale, "day")}`) : null));
+      stale ? h("span", { class: "tile-note late" }, t`overdue since ${moment(stale, "day")}`) : null));
   }
 
   function worstWord(robot, looks) {
@@ -40,7 +40,7 @@ export function mount({ main, title }) {
       return [
         h("p", { class: "wall-head" }, counts.map(([name, of]) => h("span", { class: `badge s-${name}` }, icon(name), `${of} ${statusName(name)}`)),
           h("span", null, t`${plural(data.counts.open_alarms, "open alarm")}, ${data.counts.quarantined_runs} in quarantine`), full),
-        h("ul", { class: "wall" }, [...data.robots].sort(worstFirst).map((one) => tile(one, data.anomalies, Date.parse(data.now)))),
+        h("ul", { class: "wall" }, [...data.robots].sort(worstFirst(data.anomalies)).map((one) => tile(one, data.anomalies, Date.parse(data.now)))),
       ];
     },
   });
