@@ -255,7 +255,11 @@ impl FleetGlance {
         FleetJson {
             unanswered_folders: &self.unanswered,
             hosts: &self.hosts,
-            daemon: self.daemon,
+            daemon: self.daemon.map(DaemonState::name),
+            daemon_silent_since: match self.daemon {
+                Some(DaemonState::SilentSince(since)) => Some(time_in_views(since)),
+                _ => None,
+            },
             robots: self
                 .robots()
                 .into_iter()
@@ -282,7 +286,8 @@ impl FleetGlance {
 struct FleetJson<'a> {
     unanswered_folders: &'a [UnansweredFolder],
     hosts: &'a [HostRow],
-    daemon: Option<DaemonState>,
+    daemon: Option<&'static str>,
+    daemon_silent_since: Option<String>,
     robots: Vec<RobotJson<'a>>,
     anomalies: &'a [AnomalyRow],
     unmatched_run_ids: &'a [i64],

@@ -8,7 +8,6 @@ use std::time::{Duration, SystemTime};
 
 use jiff::Timestamp;
 use nix::fcntl::OFlag;
-use serde::Serialize;
 
 use super::engine::host_lock::HostLock;
 use super::engine::{Dialect, EnginePool};
@@ -24,8 +23,7 @@ const PRIVATE: u32 = 0o600;
 const SILENT_AFTER: Duration = Duration::from_secs(120);
 
 /// The daemon of a database.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DaemonState {
     /// It works.
     AtWork,
@@ -33,6 +31,17 @@ pub enum DaemonState {
     SilentSince(Timestamp),
     /// There is none.
     Absent,
+}
+
+impl DaemonState {
+    /// Name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AtWork => "at_work",
+            Self::SilentSince(_) => "silent",
+            Self::Absent => "absent",
+        }
+    }
 }
 
 /// A daemon's claim on a database. The operating system releases it when the process ends for any reason. The file next
