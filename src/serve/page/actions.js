@@ -251,12 +251,14 @@ export function actionButton(name, anomaly, done) {
   return act({ "data-key": name, onclick: () => ask({
     title: `${action.text}: ${nameOf(anomaly)}`, intro: action.intro, fields: action.fields(), submit: action.text,
     onsubmit: async (values) => {
+      // The state to go back to: the page may not have it yet.
+      const before = (await view("anomalies", { anomaly_id: anomaly.anomaly_id, limit: 1 })).rows[0] ?? anomaly;
       await send(name, { who: values.who, why: values.why || null, ...(values.until ? { until: utc(values.until) } : {}) });
-      const back = BACK[anomaly.state];
+      const back = BACK[before.state];
       toast(t`The alarm of ${nameOf(anomaly)} is ${values.until ? t`shelved until ${momentText(new Date(values.until))}` : action.said}.`, { about: anomaly.robot, alarm: anomaly.anomaly_id, state: action.to, undo: back ? async () => {
         // A closed alarm cannot be shelved.
         if (back === "shelve") await send("reopen", { who: values.who, why: "undone" });
-        await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: anomaly.shelved_until } : {}) });
+        await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: before.shelved_until } : {}) });
         done();
       } : null });
     },

@@ -47,9 +47,9 @@ export function mount({ main, argument, title }) {
     className: "bare",
     load: async (signal) => {
       const one = await row();
-      const health = one ? (await view("fleet_health", { robot: one.robot, order: "joint" }, signal)).rows : [];
+      const [health, known] = await Promise.all([one ? view("fleet_health", { robot: one.robot, order: "joint" }, signal).then((answer) => answer.rows) : [], peopleOf(signal)]);
       joints = health.map((of) => of.joint);
-      people = await peopleOf(signal);
+      people = known;
       return { one, overdue: health[0]?.expected_by };
     },
     draw: ({ one, overdue }) => {

@@ -13,7 +13,7 @@ function field(one) {
   } else {
     input = h("input", { ...props, type: one.type ?? "text", value: one.value ?? "", maxlength: one.type ? null : 500 });
   }
-  // What follows from the value.
+  // Says the consequence of the value.
   const note = one.note ? h("p", { class: "hint", role: "status" }) : null;
   if (note) {
     const tell = async () => { note.textContent = await one.note(input.value).catch(() => ""); };
