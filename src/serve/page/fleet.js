@@ -98,7 +98,7 @@ function robotRow(robot, range, now, alarms) {
     h("div", { class: "robot-head" },
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
       h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || t`model not recognised`),
-        stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null,
+        stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null,
         arm.map((one) => badge(one.severity, `${t`${kindName(one.kind)} of the whole arm`}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
         robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
         robot.open_infos ? h("span", { class: "muted" }, t`${count(robot.open_infos)} worth knowing`) : null),

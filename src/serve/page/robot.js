@@ -75,7 +75,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
     const worst = whole.joints.filter((one) => one.status === whole.status);
     const reasons = by(worst.filter((one) => one.reason), "reason");
     replace(head, crumb, h("h1", { tabindex: -1 }, robot),
-      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`overdue since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
+      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
         h("span", null, t`last test ${moment(whole.last_run_at)}`, h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
         stale ? null : overdueNote(whole.expected_by)),
       [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? t`All joints:` : joints.length > 1 ? t`Joints ${joints.map((one) => one.joint).join(", ")}:` : t`Joint ${joints[0].joint}:`, " ", withoutJoint(reason, jointName(joints[0].joint)), ".")),

@@ -22,7 +22,7 @@ export function mount({ main, title }) {
       h("span", { class: "tile-joints" }, looks.map(([joint, look]) => h("span", { class: `tile-joint s-${look.status}`, title: `${jointName(joint.joint)}: ${look.word}` },
         ["ok", "arm"].includes(look.status) ? h("span", { "aria-hidden": "true" }, joint.joint) : h("b", { "aria-hidden": "true" }, joint.joint), hidden(`${jointName(joint.joint)} ${look.word}, `)))),
       h("span", { class: "tile-note" }, arm && !looks.some(([, look]) => look.status === robot.status) ? t`${kindName(arm.kind)} of the whole arm` : worstWord(robot, looks)),
-      stale ? h("span", { class: "tile-note late" }, t`overdue since ${moment(stale, "day")}`) : null));
+      stale ? h("span", { class: "tile-note late" }, t`stale since ${moment(stale, "day")}`) : null));
   }
 
   function worstWord(robot, looks) {
