@@ -23,6 +23,7 @@ mod channel_settings;
 mod cli;
 mod clock;
 mod control;
+mod controller_positions;
 mod crash;
 mod daemon;
 mod dates;

@@ -141,7 +141,8 @@ pub struct Joint {
     pub limits: JointLimits,
     /// Motor turns per joint turn; negative for opposite directions.
     pub gear_ratio: f64,
-    /// Added to the position from the controller, or the transmission, to obtain `q`: rad (m).
+    /// Added to the position from the controller, or the transmission, to obtain `q`: rad (m). See
+    /// [`Joint::recorded_position`].
     pub position_offset: f64,
     /// Joint torque per motor current, Nm/A (N/A), if known.
     pub drive_gain: Option<f64>,
@@ -164,6 +165,18 @@ pub struct Joint {
 }
 
 impl Joint {
+    /// Position at the joint as the controller counts it, if the model's position is `q`: rad (m).
+    #[must_use]
+    pub fn recorded_position(&self, q: f64) -> f64 {
+        q - self.position_offset
+    }
+
+    /// The model's position `q` if the controller's position at the joint is `recorded`: rad (m).
+    #[must_use]
+    pub fn model_position(&self, recorded: f64) -> f64 {
+        recorded + self.position_offset
+    }
+
     /// Least speed of a moving row of its torque, rad/s (m/s); infinite if its torque is not recorded.
     #[must_use]
     pub fn counted_speed(&self) -> f64 {

@@ -104,7 +104,7 @@ pub fn simulate_run(
         Some(format) => ExportWriter::create_in(&export, format.clone()),
         None => ExportWriter::create_with(&export, robot.joint_count(), settings.temperatures.columns),
     };
-    let mut writer = writer.map_err(|e| write_error(&export, e))?;
+    let mut writer = writer.map_err(|e| write_error(&export, e))?.with_offsets_of(robot);
     if settings.grows {
         writer.show().map_err(|e| write_error(&export, e))?;
     }
@@ -116,7 +116,8 @@ pub fn simulate_run(
     Ok(RunFiles { export, truth, started_at, rows: recording.rows() })
 }
 
-/// Passes each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes.
+/// Passes each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes, with the
+/// positions `q` of the model.
 ///
 /// # Errors
 /// Those of [`recording_of_run`].

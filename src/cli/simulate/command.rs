@@ -81,7 +81,8 @@ Faults, each with from= (first run) and optionally to= (last run):
   ripple:joint=,rate=          a ripple at the motor's turn grows
   contact:joint=,nm=[,cycle=]  a push from outside
 
-Each run is one export in the native layout or the given one. The truth file NAME.truth.json next to it has the
+Each run is one export in the native layout or the given one, with positions as the controller records them: without
+position_offset_* of the description. The truth file NAME.truth.json next to it has the
 simulated parameters, friction and faults. The same seed gives the same bytes. Existing exports of the same names
 are replaced.")]
 pub(in crate::cli) struct SimulateArgs {
