@@ -85,8 +85,7 @@ fn motions_for_a_controller_have_its_positions_and_are_read_back() {
     ] {
         let [with, without] = ["offset", "plain"].map(|arm| {
             let (description, output) = (format!("{arm}.toml"), format!("{file}-{arm}.csv"));
-            let told =
-                workshop.stderr(&[command, &["--robot", &description, "-o", &output]].concat(), 0);
+            let told = workshop.stderr(&[command, &["--robot", &description, "-o", &output]].concat(), 0);
             let offsets = "description: joint 1 +1.570796 rad, joint 3 -0.250000 m";
             assert_eq!(told.contains(offsets), arm == "offset", "{told}");
             output
@@ -111,7 +110,8 @@ fn points_of_a_test_are_positions_of_the_controller() {
     let rows = table(&workshop.path("points-test.csv"));
     let last = |name: &str, value: f64| rows[name].iter().any(|of| (of - value).abs() < EQUAL);
     assert!(last("pos_1_rad", (-80.0_f64).to_radians()) && last("pos_3_m", 0.4), "no such row");
-    fs::write(workshop.path("points.csv"), "pos_1,pos_2,pos_3,pos_4\n0,0,0.3,0\n0,0,0.1,0\n").expect("written");
+    fs::write(workshop.path("points.csv"), "pos_1,pos_2,pos_3,pos_4\n0,0,0.3,0\n0,0,0.1,0\n")
+        .expect("written");
     let refused = workshop.stderr(&[&command[..], &["points.csv"]].concat(), 2);
     assert!(refused.contains("joint 3 at -0.15 m (0.1 m of the controller)"), "{refused}");
 }
@@ -126,5 +126,5 @@ fn simulated_exports_have_positions_of_the_controller_in_every_layout() {
     assert_less_by_offsets(&with, &of("plain", &["plain.toml"]), NATIVE_STEP);
     workshop.use_file("description", "offset.toml");
     let told = workshop.stdout(&["explain", with.to_str().expect("a path")], 0);
-    assert!(told.contains(" parameters") && told.contains("problems   none"), "{told}");
+    assert!(told.contains(" parameters") && told.contains("problems    none"), "{told}");
 }

@@ -283,6 +283,8 @@ pub struct SampleCheck {
 
 /// Largest uncertainty of a derived value from rounding of samples, as a share of the limit.
 const ROUNDING_SHARE: f64 = 0.02;
+/// Largest rounding error of a position from which an offset was subtracted and to which it was added again, rad (m).
+const OFFSET_ROUNDING: f64 = 1e-12;
 /// Longest interval of a derivative, s: a tenth of the period of a 2 Hz motion.
 const LONGEST_INTERVAL_S: f64 = 0.05;
 
@@ -312,8 +314,8 @@ pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
             }
         };
         let own = at_times(&motion.times, positions);
-        let below = |m: &TimedValue| limits.position_min - m.value;
-        let above = |m: &TimedValue| m.value - limits.position_max;
+        let below = |m: &TimedValue| limits.position_min - m.value - OFFSET_ROUNDING;
+        let above = |m: &TimedValue| m.value - limits.position_max - OFFSET_ROUNDING;
         let jerks = limits.jerk.map(|limit| {
             let derived = match (&motion.accelerations, &motion.velocities) {
                 (Some(accelerations), _) => {

@@ -12,6 +12,7 @@ use super::samples::samples;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::position_columns::offsets_text;
 use crate::cli::shared::programme::{programme, read};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_trajectory::limits::{Limited, SampleCheck};
@@ -27,7 +28,8 @@ Examples:
 FILE is a programme of `armwatch trajectory design` or a CSV file with a header: time or time_s, and pos_1, pos_2,
 .. in rad (m), or pos_1_deg, pos_2_mm. The command uses the velocities (vel_1) and accelerations (acc_1) in the
 file. If they are missing, it derives them from positions, over intervals long enough to hide the rounding of the
-last digit. It reports a quantity as not judged if the file is too coarse for it. It checks jerk, peak torque and
+last digit. Positions are those of the controller, as `armwatch trajectory export` writes them: the command adds
+position_offset_* of the description. It reports a quantity as not judged if the file is too coarse for it. It checks jerk, peak torque and
 the clearance of links if the description has limits for them; docs/trajectories.md has the keys, and the file of
 a cell.
 
@@ -55,6 +57,7 @@ pub(in crate::cli) fn check(global: &Global, args: &CheckArgs) -> Result<u8, Cli
         (MotionCheck::of_series(&robot, &series, limit.as_ref())?, Some(nearness(&robot, &series)))
     } else {
         let judged = MotionCheck::of_samples(&robot, &samples(&args.file, &text, &robot)?, limit.as_ref())?;
+        offsets_text(&robot).iter().for_each(|offsets| output::print_hint(offsets));
         if !global.json {
             print_used(&robot, &judged.check);
         }
