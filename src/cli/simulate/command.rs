@@ -28,7 +28,7 @@ use armwatch_simulate::arm::load::Load;
 use armwatch_simulate::error::SimulateError;
 use armwatch_simulate::run::recording::Clock;
 use armwatch_simulate::run::temperatures::{TemperatureColumns, TemperatureSettings};
-use armwatch_simulate::{SimulationSettings, simulate_run};
+use armwatch_simulate::{SimulationSettings, not_simulated, simulate_run};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -277,6 +277,7 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
     replaced.iter().for_each(|sentence| output::print_hint(sentence));
     let unseen = settings.faults.iter().filter_map(|fault| unseen(fault, settings.runs, settings.cycles));
     unseen.for_each(|sentence| output::print_hint(&sentence));
+    not_simulated(&robot).iter().for_each(|sentence| output::print_hint(sentence));
     for settings in &robots {
         for run in 0..settings.runs {
             simulate_one(&robot, settings, run, args, global.json)?;
