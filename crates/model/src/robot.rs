@@ -106,6 +106,13 @@ impl Robot {
         self.torque_sensors == TorqueSensors::Motor
     }
 
+    /// True if a motor turns with more than its own joint.
+    #[must_use]
+    pub fn has_coupled_motors(&self) -> bool {
+        let r = &self.transmission;
+        (0..r.nrows()).any(|i| (0..r.ncols()).any(|j| i != j && r[(i, j)] != 0.0))
+    }
+
     /// Number of parameters of the dynamic model, the columns of its regressor. Each joint has ten, the friction terms
     /// and, if torque is measured by the motors, a motor inertia. There are three more for each coupling, two for each
     /// spring and ten for each parallelogram.
