@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use nalgebra::DMatrix;
+
 use super::series::{between_instants, jerk_at, state_at};
 use armwatch_model::robot::{FourierExcitation, Joint, JointIndex, JointKind, Robot};
 
@@ -66,9 +68,12 @@ impl MotionLimits {
 pub struct TorqueLimits {
     /// Base parameters `[b]`.
     pub parameters: Vec<f64>,
-    /// Largest root mean square over the period, `[n]`, Nm (N): the motor's torque for continuous duty.
+    /// Weights of the joints' torques in the torques for continuous duty, `[n x n]`, a row per torque: that of a joint,
+    /// or that of its motor through its own gear.
+    pub duty: DMatrix<f64>,
+    /// Largest root mean square of these over the period, `[n]`, Nm (N).
     pub mean_square_root: Vec<Option<f64>>,
-    /// Largest magnitude, `[n]`, Nm (N).
+    /// Largest magnitude of the joints' torques, `[n]`, Nm (N).
     pub peak: Vec<Option<f64>>,
 }
 

@@ -66,7 +66,9 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
     let robot = arm(global, &args.robot)?;
     let series = programme(&args.file, &robot)?.series;
     let limit = args.surroundings.limit(&robot)?;
-    let broken = MotionCheck::of_series(&robot, &series, limit.as_ref())?.broken();
+    let judged = MotionCheck::of_series(&robot, &series, limit.as_ref())?;
+    judged.print_unchecked();
+    let broken = judged.broken();
     if !broken.is_empty() {
         broken.iter().for_each(|sentence| output::print_hint(sentence));
         if !args.despite_broken_limits {
@@ -82,9 +84,10 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
     let columns = if args.waypoints { 2 } else { 3 };
     let row = |k: u64| {
         let time = k as f64 / args.rate_hz;
-        let cells = state_at(&series, time).into_iter().zip(&robot.joints).flat_map(|([q, qd, qdd], joint)| {
-            [joint.recorded_position(q), qd, qdd].into_iter().take(columns)
-        });
+        let cells =
+            state_at(&series, time).into_iter().zip(&robot.joints).flat_map(|([q, qd, qdd], joint)| {
+                [joint.recorded_position(q), qd, qdd].into_iter().take(columns)
+            });
         [time].into_iter().chain(cells).map(|value| value.to_string()).collect::<Vec<_>>().join(",")
     };
     // the last row is the rest at the end

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::arm::arm;
 use super::check::{print_used, used_value};
 use super::export::{header, steps};
-use super::motion_check::MotionCheck;
+use super::motion_check::{MotionCheck, Unchecked};
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::cycle::CycleArgs;
@@ -124,6 +124,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     }
     let plan = plan_cycle(&robot, &settings).map_err(|error| CliError::Usage(error.to_string()))?;
     let judged = MotionCheck::of_samples(&robot, &sampled(&robot, &plan), limit.as_ref())?;
+    judged.print_unchecked();
     match global.json {
         true => output::json(&as_value(&plan, &robot, &judged, args)),
         false => describe(&plan, &robot, &judged, args),
@@ -316,6 +317,7 @@ fn as_value(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
         "friction": friction.collect::<Vec<_>>(),
         "joints": used_value(&judged.check), "torques": judged.torque_value(), "clearances": judged.clearance_value(),
         "broken": judged.broken_value(),
+        "not_judged": judged.unchecked().iter().map(Unchecked::as_value).collect::<Vec<_>>(),
     })
 }
 
