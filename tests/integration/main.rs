@@ -45,6 +45,7 @@ mod layouts;
 mod maker_files;
 mod binary_files;
 mod maintenance;
+mod motion_limits;
 #[cfg(target_os = "linux")]
 mod memory;
 mod estimators;

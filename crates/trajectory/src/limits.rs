@@ -288,7 +288,7 @@ pub struct SampleCheck {
 
 /// Largest uncertainty of a derived value from rounding of samples, as a share of the limit.
 const ROUNDING_SHARE: f64 = 0.02;
-/// Largest rounding error of a position from which an offset was subtracted and to which it was added again, rad (m).
+/// Largest rounding error of a position after an offset is subtracted and added again, rad (m).
 const OFFSET_ROUNDING: f64 = 1e-12;
 /// Longest interval of a derivative, s: a tenth of the period of a 2 Hz motion.
 const LONGEST_INTERVAL_S: f64 = 0.05;
