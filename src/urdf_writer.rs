@@ -171,7 +171,7 @@ fn write_joint(
         before => format!("link_{before}"),
     };
     let (axis, limits) = (written_axis(joint), joint.limits);
-    let rated = joint.rated_motor_torque.map(|rated| (rated * joint.gear_ratio).abs());
+    let effort = Effort::of(joint, largest_torque);
     line(text, &format!("  <joint name=\"{}\" type=\"{kind}\">", escaped(name)));
     line(text, &format!("    {}", origin_tag(place)));
     line(text, &format!("    <parent link=\"{parent}\"/>"));
@@ -180,20 +180,12 @@ fn write_joint(
     if joint.position_offset != 0.0 {
         line(text, &format!("    <!-- q is the recorded position plus {:?} -->", joint.position_offset));
     }
-    if rated.is_none() {
-        line(
-            text,
-            "    <!-- effort: largest torque of the model inside the limits; no rating is described -->",
-        );
-    }
+    line(text, &format!("    <!-- effort: {} -->", effort.origin));
     line(
         text,
         &format!(
             "    <limit lower=\"{:?}\" upper=\"{:?}\" effort=\"{:?}\" velocity=\"{:?}\"/>",
-            limits.position_min,
-            limits.position_max,
-            rated.unwrap_or(largest_torque),
-            limits.velocity
+            limits.position_min, limits.position_max, effort.value, limits.velocity
         ),
     );
     line(
@@ -201,6 +193,38 @@ fn write_joint(
         &format!("    <dynamics damping=\"{:?}\" friction=\"{:?}\"/>", friction.damping, friction.friction),
     );
     line(text, "  </joint>");
+}
+
+/// Largest torque (force) of a joint in the file.
+struct Effort {
+    /// Nm (N).
+    value: f64,
+    /// Its origin, for a comment.
+    origin: &'static str,
+}
+
+impl Effort {
+    /// The described limit for a moment, else for continuous duty, else the largest torque of the model.
+    fn of(joint: &Joint, largest_torque: f64) -> Self {
+        let through_gear = |motor: f64| (motor * joint.gear_ratio).abs();
+        let described = [
+            (joint.peak_torque, "peak torque of the joint, allowed for a moment"),
+            (
+                joint.rated_torque,
+                "rated torque of the joint, allowed continuously; no peak torque is described",
+            ),
+            (
+                joint.rated_motor_torque.map(through_gear),
+                "rated torque of the motor times the gear ratio, allowed continuously; no peak torque is described",
+            ),
+        ];
+        let described =
+            described.into_iter().find_map(|(value, origin)| Some(Self { value: value?, origin }));
+        described.unwrap_or(Self {
+            value: largest_torque,
+            origin: "largest torque of the model inside the limits; no rating is described",
+        })
+    }
 }
 
 fn write_link(text: &mut String, index: JointIndex, body: &StandardParameters) {

@@ -182,6 +182,33 @@ fn what_urdf_cannot_say_stands_in_comments() {
     }
 }
 
+#[test]
+fn effort_is_the_peak_torque_before_ratings_and_the_model() {
+    let mut robot = er3a();
+    for joint in &mut robot.joints {
+        (joint.peak_torque, joint.rated_torque, joint.rated_motor_torque) = (None, None, None);
+    }
+    robot.joints[0].peak_torque = Some(230.0);
+    robot.joints[0].rated_torque = Some(77.0);
+    robot.joints[1].rated_torque = Some(55.0);
+    robot.joints[1].rated_motor_torque = Some(0.5);
+    robot.joints[2].rated_motor_torque = Some(0.5);
+    robot.joints[2].gear_ratio = -81.0;
+    let model = some_model(&robot, &[0.3; 70]);
+    let text = urdf_text(&robot, &model, &[]);
+    let written = urdf_rs::read_from_string(&text).expect("a URDF");
+    let efforts: Vec<f64> = written.joints[..3].iter().map(|joint| joint.limit.effort).collect();
+    assert_eq!(efforts, [230.0, 55.0, 40.5]);
+    let origins: Vec<&str> =
+        text.lines().filter_map(|line| line.trim().strip_prefix("<!-- effort: ")).collect();
+    let expected =
+        ["peak torque of the joint", "rated torque of the joint", "rated torque of the motor", "largest"];
+    assert_eq!(origins.len(), 6);
+    for (origin, expected) in origins.iter().zip(expected) {
+        assert!(origin.starts_with(expected), "{origin}");
+    }
+}
+
 /// The reference has fifteen digits; sums over a chain lose a few.
 const REFERENCE_DIGITS: f64 = 1e-9;
 

@@ -23,6 +23,7 @@ mod channel_settings;
 mod cli;
 mod clock;
 mod control;
+mod controller_positions;
 mod crash;
 mod daemon;
 mod dates;
@@ -44,6 +45,7 @@ mod layouts;
 mod maker_files;
 mod binary_files;
 mod maintenance;
+mod motion_limits;
 #[cfg(target_os = "linux")]
 mod memory;
 mod estimators;

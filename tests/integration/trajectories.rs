@@ -485,7 +485,7 @@ fn broken_limits_are_named_and_not_written(workshop: &Workshop) {
     // another arm, and a name that matches only the pattern of every robot
     for (arguments, said) in [
         (["trajectory", "check", "mine.json", "--robot", "er3a"], "has 6 joints"),
-        (["trajectory", "check", "mine.json", "--robot", "er3b"], "neither a robot nor a model"),
+        (["trajectory", "check", "mine.json", "--robot", "er3b"], "write its model, --robot er3a"),
         (["trajectory", "check", "nothing.json", "--robot", "er3a"], "there is no such file or folder"),
     ] {
         let output = workshop.stderr(&arguments, 2);

@@ -106,6 +106,13 @@ impl Robot {
         self.torque_sensors == TorqueSensors::Motor
     }
 
+    /// True if a motor turns with more than its own joint.
+    #[must_use]
+    pub fn has_coupled_motors(&self) -> bool {
+        let r = &self.transmission;
+        (0..r.nrows()).any(|i| (0..r.ncols()).any(|j| i != j && r[(i, j)] != 0.0))
+    }
+
     /// Number of parameters of the dynamic model, the columns of its regressor. Each joint has ten, the friction terms
     /// and, if torque is measured by the motors, a motor inertia. There are three more for each coupling, two for each
     /// spring and ten for each parallelogram.
@@ -141,7 +148,8 @@ pub struct Joint {
     pub limits: JointLimits,
     /// Motor turns per joint turn; negative for opposite directions.
     pub gear_ratio: f64,
-    /// Added to the position from the controller, or the transmission, to obtain `q`: rad (m).
+    /// Added to the position from the controller, or the transmission, to obtain `q`: rad (m). See
+    /// [`Joint::recorded_position`].
     pub position_offset: f64,
     /// Joint torque per motor current, Nm/A (N/A), if known.
     pub drive_gain: Option<f64>,
@@ -164,6 +172,18 @@ pub struct Joint {
 }
 
 impl Joint {
+    /// Position at the joint as the controller counts it, if the model's position is `q`: rad (m).
+    #[must_use]
+    pub fn recorded_position(&self, q: f64) -> f64 {
+        q - self.position_offset
+    }
+
+    /// The model's position `q` if the controller's position at the joint is `recorded`: rad (m).
+    #[must_use]
+    pub fn model_position(&self, recorded: f64) -> f64 {
+        recorded + self.position_offset
+    }
+
     /// Least speed of a moving row of its torque, rad/s (m/s); infinite if its torque is not recorded.
     #[must_use]
     pub fn counted_speed(&self) -> f64 {

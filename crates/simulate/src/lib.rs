@@ -37,7 +37,7 @@ use self::run::truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTrut
 
 pub use self::settings::SimulationSettings;
 use crate::error::SimulateError;
-use armwatch_model::robot::{Joint, JointIndex, MAX_JOINTS, NominalJoint, Robot, WarmUpShape};
+use armwatch_model::robot::{Coupling, Joint, JointIndex, MAX_JOINTS, NominalJoint, Robot, WarmUpShape};
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
@@ -104,7 +104,7 @@ pub fn simulate_run(
         Some(format) => ExportWriter::create_in(&export, format.clone()),
         None => ExportWriter::create_with(&export, robot.joint_count(), settings.temperatures.columns),
     };
-    let mut writer = writer.map_err(|e| write_error(&export, e))?;
+    let mut writer = writer.map_err(|e| write_error(&export, e))?.with_offsets_of(robot);
     if settings.grows {
         writer.show().map_err(|e| write_error(&export, e))?;
     }
@@ -116,7 +116,8 @@ pub fn simulate_run(
     Ok(RunFiles { export, truth, started_at, rows: recording.rows() })
 }
 
-/// Passes each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes.
+/// Passes each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes, with the
+/// positions `q` of the model.
 ///
 /// # Errors
 /// Those of [`recording_of_run`].
@@ -142,6 +143,18 @@ pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: 
     let columns = settings.format.as_ref().map_or_else(native, |format| format.columns.len());
     let start = started_at.strftime("%Y%m%d_%H%M");
     format!("{robot_name}_{start}_Col{columns}_{warming_s:.0}s_cycle{cycles}")
+}
+
+/// Torques of an arm that its exports lack because a description has no values for them, one sentence each.
+pub fn not_simulated(robot: &Robot) -> Vec<String> {
+    let of = |coupling: &Coupling| {
+        format!(
+            "inertia and friction of the motor of joint {} are simulated only for that joint, not for its motion with \
+             joint {}: a description has no values for Iam, fvm and fsm",
+            coupling.motor_joint, coupling.joint
+        )
+    };
+    robot.couplings.iter().map(of).collect()
 }
 
 /// Everything that determines the rows of a run, except noise.
@@ -310,6 +323,7 @@ fn run_truth(
             mass_kg: load.mass,
             centre_m: [load.centre.x, load.centre.y, load.centre.z],
         }),
+        not_simulated: not_simulated(robot),
         joints: joint_truths(robot, settings, recording, run)?,
         faults: settings.faults.iter().map(fault_truth).collect(),
         cycle_truth,

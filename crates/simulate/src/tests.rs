@@ -241,6 +241,23 @@ fn a_separate_folder_takes_the_truth() {
 }
 
 #[test]
+fn what_a_coupled_motor_adds_is_said_to_be_absent() {
+    let mut robot = er3a_with_excitation();
+    assert!(not_simulated(&robot).is_empty());
+    let (joint, motor_joint) = (JointIndex::new(4), JointIndex::new(5));
+    robot.couplings = vec![Coupling { joint, motor_joint, ratio: 1.0 }];
+    let settings = SimulationSettings { cycles: 1, levels: Some(Vec::new()), ..quick() };
+    let (_folder, files) = simulate(&robot, &settings, 0);
+    let truth = truth_of(&files);
+    let said = truth["not_simulated"][0].as_str().unwrap();
+    assert!(
+        said.starts_with("inertia and friction of the motor of joint 6") && said.contains("joint 5"),
+        "{said}"
+    );
+    assert_eq!(truth["not_simulated"].as_array().unwrap().len(), 1);
+}
+
+#[test]
 fn an_export_that_grows_shows_its_rows_on_the_way_and_is_the_same_in_the_end() {
     let robot = one_joint();
     let settings = SimulationSettings { grows: true, ..quick() };

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use nalgebra::DMatrix;
+
 use super::series::{between_instants, jerk_at, state_at};
 use armwatch_model::robot::{FourierExcitation, Joint, JointIndex, JointKind, Robot};
 
@@ -66,9 +68,12 @@ impl MotionLimits {
 pub struct TorqueLimits {
     /// Base parameters `[b]`.
     pub parameters: Vec<f64>,
-    /// Largest root mean square over the period, `[n]`, Nm (N): the motor's torque for continuous duty.
+    /// Weights of the joints' torques in the torques for continuous duty, `[n x n]`, a row per torque: that of a joint,
+    /// or that of its motor through its own gear.
+    pub duty: DMatrix<f64>,
+    /// Largest root mean square of these over the period, `[n]`, Nm (N).
     pub mean_square_root: Vec<Option<f64>>,
-    /// Largest magnitude, `[n]`, Nm (N).
+    /// Largest magnitude of the joints' torques, `[n]`, Nm (N).
     pub peak: Vec<Option<f64>>,
 }
 
@@ -283,6 +288,8 @@ pub struct SampleCheck {
 
 /// Largest uncertainty of a derived value from rounding of samples, as a share of the limit.
 const ROUNDING_SHARE: f64 = 0.02;
+/// Largest rounding error of a position after an offset is subtracted and added again, rad (m).
+const OFFSET_ROUNDING: f64 = 1e-12;
 /// Longest interval of a derivative, s: a tenth of the period of a 2 Hz motion.
 const LONGEST_INTERVAL_S: f64 = 0.05;
 
@@ -312,8 +319,8 @@ pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
             }
         };
         let own = at_times(&motion.times, positions);
-        let below = |m: &TimedValue| limits.position_min - m.value;
-        let above = |m: &TimedValue| m.value - limits.position_max;
+        let below = |m: &TimedValue| limits.position_min - m.value - OFFSET_ROUNDING;
+        let above = |m: &TimedValue| m.value - limits.position_max - OFFSET_ROUNDING;
         let jerks = limits.jerk.map(|limit| {
             let derived = match (&motion.accelerations, &motion.velocities) {
                 (Some(accelerations), _) => {

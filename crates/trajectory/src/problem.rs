@@ -365,7 +365,7 @@ mod tests {
     use armwatch_method::pooled::nominal_prior::nominal_base;
     use armwatch_model::robot::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
     use armwatch_testing::er3a_of;
-    use nalgebra::Vector3;
+    use nalgebra::{DMatrix, Vector3};
 
     /// Step of difference quotients, whose error is its square, for sums of some thousand terms.
     const DIFFERENCES: f64 = 1e-5;
@@ -409,6 +409,7 @@ mod tests {
         let nominal: Option<Vec<f64>> = nominal_base(&robot, &base).into_iter().collect();
         let torque = TorqueLimits {
             parameters: nominal.expect("nominal parameters"),
+            duty: DMatrix::from_row_slice(2, 2, &[1.0, -0.4, 0.0, 1.0]),
             mean_square_root: vec![Some(10.0), Some(12.0)],
             peak: vec![None, Some(20.0)],
         };

@@ -45,8 +45,8 @@ show has no value (-).
 Standard errors from 8 or more cycles come from the scatter between the cycles. Standard errors from fewer cycles
 come from the residual and the share of independent rows. Both contain the error that all cycles repeat because
 they have one motion. Intervals contain the true value with a probability of 95 %. A * marks parameters with a
-standard error above 30 %. Exit status 1 if the motion does not show every parameter (the command names them), or
-if a cycle gave no result with --each-cycle.
+standard error above 30 % of the value. Exit status 1 if the motion does not show every parameter (the command
+names them), or if a cycle gave no result with --each-cycle.
 
 --choose-friction identifies with each value of load_friction of the description in turn. It holds out one cycle
 after the other (parts of cycles if there are fewer than three), and prints the error on the held-out rows. A

@@ -46,6 +46,11 @@ fn is_flagged(parameter: &IdentifiedParameter) -> bool {
     relative_error(parameter) > FLAGGED_RELATIVE_ERROR
 }
 
+/// Returns true if the table marks the error of a parameter.
+fn has_star(parameter: &IdentifiedParameter) -> bool {
+    is_flagged(parameter) && known(100.0 * relative_error(parameter)).is_some()
+}
+
 /// Returns true if a parameter has no separate value, because the motion does not identify it. Others without an error
 /// were removed as not essential.
 fn is_unshown(parameter: &IdentifiedParameter, found: &PooledEstimate) -> bool {
@@ -254,7 +259,7 @@ impl Report<'_> {
         header.push("unit");
         header.extend(self.groupings.then_some("grouping"));
         let row = |(k, p): (usize, &IdentifiedParameter)| {
-            let mark = if is_flagged(p) && p.std_error.is_finite() { "*" } else { "" };
+            let mark = if has_star(p) { "*" } else { "" };
             let mut row = vec![
                 p.id.joint.to_string(),
                 p.id.name().to_string(),
@@ -273,7 +278,14 @@ impl Report<'_> {
             row
         };
         let rows: Vec<Vec<String>> = parameters.iter().enumerate().map(row).collect();
-        output::table(&header, &rows)
+        let table = output::table(&header, &rows);
+        match parameters.iter().any(has_star) {
+            true => format!(
+                "{table}\n* standard error above {:.0} % of the value",
+                100.0 * FLAGGED_RELATIVE_ERROR
+            ),
+            false => table,
+        }
     }
 
     fn as_value(&self) -> Value {

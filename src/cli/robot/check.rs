@@ -227,6 +227,18 @@ fn as_value(
     json!({
         "model": robot.model,
         "joints": robot.joint_count(),
+        "drives": robot.joints.iter().zip(robot.joint_indices()).map(|(joint, index)| json!({
+            "joint": index.number(),
+            "gear_ratio": joint.gear_ratio,
+            "position_offset": joint.position_offset,
+            "low_speed": joint.low_speed,
+            "rated_motor_torque_nm": joint.rated_motor_torque,
+            "rated_torque_nm": joint.rated_torque,
+            "peak_torque_nm": joint.peak_torque,
+        })).collect::<Vec<_>>(),
+        "motor_per_joint": robot.transmission.row_iter()
+            .map(|row| row.iter().copied().collect::<Vec<_>>())
+            .collect::<Vec<_>>(),
         "parameters": base.kept.iter().enumerate().map(|(k, id)| json!({
             "joint": id.joint.number(),
             "parameter": id.name(),

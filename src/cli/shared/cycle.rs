@@ -24,8 +24,8 @@ pub(in crate::cli) struct CycleArgs {
         default_value = "series,additional,friction,warming"
     )]
     parts: Vec<CyclePart>,
-    /// Points of the part `points`: a CSV file with columns pos_1, pos_2, .. in rad (m) or pos_1_deg, pos_1_mm
-    /// [default: random points]
+    /// Points of the part `points`: a CSV file with the controller's positions in columns pos_1, pos_2, .. in rad (m)
+    /// or pos_1_deg, pos_1_mm [default: random points]
     #[arg(help_heading = "Cycle", long, value_name = "FILE")]
     points: Option<PathBuf>,
     /// Number of random points without a file of points
@@ -113,7 +113,7 @@ impl CycleArgs {
     }
 }
 
-/// Points from a CSV file, `[points][n]`, rad (m).
+/// Points from a CSV file as positions `q` of the model, `[points][n]`, rad (m).
 fn points(path: &Path, robot: &Robot) -> Result<Vec<Vec<f64>>, CliError> {
     let fault = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
     let text = read(path)?;
@@ -127,7 +127,7 @@ fn points(path: &Path, robot: &Robot) -> Result<Vec<Vec<f64>>, CliError> {
         let point = found.iter().map(|column| {
             let cell = record.get(column.index).unwrap_or_default();
             let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
-            value.map(|value| value * column.factor).ok_or_else(|| {
+            value.map(|value| column.value(value)).ok_or_else(|| {
                 fault(format!("line {line}, column {}: \"{cell}\" is not a number", header[column.index]))
             })
         });
@@ -151,6 +151,10 @@ mod tests {
         };
         let found = of("name,pos_1_deg,pos_2\nhome,180,0.5\nup,0,-1e-1\n").expect("points");
         assert_eq!(found, [[std::f64::consts::PI, 0.5], [0.0, -0.1]]);
+        let mut offset = er3a_of(2);
+        offset.joints[1].position_offset = 0.25;
+        let with_offset = points(&path, &offset).expect("points");
+        assert_eq!(with_offset, [[std::f64::consts::PI, 0.75], [0.0, 0.15]]);
         assert!(of("pos_1\n0\n").expect_err("one joint").contains("pos_1 to pos_2"));
         assert!(of("pos_1,pos_2\n0,x\n").expect_err("a letter").contains("line 2, column pos_2: \"x\""));
     }

@@ -28,7 +28,7 @@ use armwatch_simulate::arm::load::Load;
 use armwatch_simulate::error::SimulateError;
 use armwatch_simulate::run::recording::Clock;
 use armwatch_simulate::run::temperatures::{TemperatureColumns, TemperatureSettings};
-use armwatch_simulate::{SimulationSettings, simulate_run};
+use armwatch_simulate::{SimulationSettings, not_simulated, simulate_run};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -81,7 +81,8 @@ Faults, each with from= (first run) and optionally to= (last run):
   ripple:joint=,rate=          a ripple at the motor's turn grows
   contact:joint=,nm=[,cycle=]  a push from outside
 
-Each run is one export in the native layout or the given one. The truth file NAME.truth.json next to it has the
+Each run is one export in the native layout or the given one, with positions as the controller records them: without
+position_offset_* of the description. The truth file NAME.truth.json next to it has the
 simulated parameters, friction and faults. The same seed gives the same bytes. Existing exports of the same names
 are replaced.")]
 pub(in crate::cli) struct SimulateArgs {
@@ -276,6 +277,7 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
     replaced.iter().for_each(|sentence| output::print_hint(sentence));
     let unseen = settings.faults.iter().filter_map(|fault| unseen(fault, settings.runs, settings.cycles));
     unseen.for_each(|sentence| output::print_hint(&sentence));
+    not_simulated(&robot).iter().for_each(|sentence| output::print_hint(sentence));
     for settings in &robots {
         for run in 0..settings.runs {
             simulate_one(&robot, settings, run, args, global.json)?;

@@ -8,7 +8,7 @@ use armwatch_config::{
 };
 use armwatch_model::robot::Robot;
 use armwatch_simulate::files::format::{
-    ColumnContent, ExportColumn, ExportFormat, TemperatureScale, Weighted,
+    ColumnContent, ExportColumn, ExportFormat, JointWeights, TemperatureScale,
 };
 use armwatch_simulate::run::temperatures::TemperatureColumns;
 
@@ -85,7 +85,6 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, ColumnContent)>,
             })?),
             false => None,
         };
-    let offsets: Vec<f64> = robot.joints.iter().map(|joint| -joint.position_offset).collect();
     let mut cells = Vec::new();
     match &layout.time {
         TimeSource::Column(time)
@@ -101,12 +100,10 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, ColumnContent)>,
         }
         TimeSource::SampleRate(_) => {}
     }
-    let still = vec![0.0; n];
     let mut channel = |channel: &Channel,
                        side: &Option<DMatrix<f64>>,
-                       added: &[f64],
                        factors: &[f64],
-                       cell: fn(Weighted) -> ColumnContent| {
+                       cell: fn(JointWeights) -> ColumnContent| {
         for (j, factor) in factors.iter().enumerate() {
             let weights: Vec<f64> = (0..n)
                 .map(|k| match side {
@@ -114,17 +111,16 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, ColumnContent)>,
                     None => f64::from(u8::from(j == k)) / factor,
                 })
                 .collect();
-            let constant = weights.iter().zip(added).map(|(w, x)| w * x).sum();
             if let Some(column) = channel.columns.of_joint(j + 1) {
-                cells.push((column, cell(Weighted { weights, constant })));
+                cells.push((column, cell(JointWeights(weights))));
             }
         }
     };
-    channel(&layout.position, &positions, &offsets, &factors.position, ColumnContent::Position);
+    channel(&layout.position, &positions, &factors.position, ColumnContent::Position);
     if let Some(velocity) = &layout.velocity {
-        channel(velocity, &positions, &still, &factors.velocity, ColumnContent::Velocity);
+        channel(velocity, &positions, &factors.velocity, ColumnContent::Velocity);
     }
-    channel(&layout.torque, &torques, &still, &factors.torque, ColumnContent::Torque);
+    channel(&layout.torque, &torques, &factors.torque, ColumnContent::Torque);
     cells.extend(signals(layout)?);
     Ok(cells)
 }

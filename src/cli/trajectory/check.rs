@@ -7,14 +7,15 @@ use serde_json::{Value, json};
 
 use super::arm::arm;
 use super::limit_texts::{nearness, print_nearness};
-use super::motion_check::MotionCheck;
+use super::motion_check::{MotionCheck, Unchecked};
 use super::samples::samples;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::position_columns::offsets_text;
 use crate::cli::shared::programme::{programme, read};
-use armwatch_model::robot::{JointIndex, Robot};
-use armwatch_trajectory::limits::{Limited, SampleCheck};
+use armwatch_model::robot::Robot;
+use armwatch_trajectory::limits::SampleCheck;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -27,11 +28,16 @@ Examples:
 FILE is a programme of `armwatch trajectory design` or a CSV file with a header: time or time_s, and pos_1, pos_2,
 .. in rad (m), or pos_1_deg, pos_2_mm. The command uses the velocities (vel_1) and accelerations (acc_1) in the
 file. If they are missing, it derives them from positions, over intervals long enough to hide the rounding of the
-last digit. It reports a quantity as not judged if the file is too coarse for it. It checks jerk, peak torque and
-the clearance of links if the description has limits for them; docs/trajectories.md has the keys, and the file of
-a cell.
+last digit. It reports a quantity as not judged if the file is too coarse for it. Positions are those of the
+controller, as `armwatch trajectory export` writes them: the command adds position_offset_* of the description.
 
-Exit status 0 if the motion keeps every limit, 1 if it breaks one or one was not judged.")]
+The command checks jerk, peak torque and the clearance of links if the description has limits for them;
+docs/trajectories.md has the keys, and the file of a cell.
+
+Peak torque follows from the nominal parameters, without inertia and friction of coupled motors. A root mean
+square of torque above the rated torque is a remark, because rest between repetitions lowers it.
+
+Exit status 0 if the motion keeps every limit of the description, 1 if it breaks one or one was not judged.")]
 pub(in crate::cli) struct CheckArgs {
     /// Programme, or CSV file with positions over time
     #[arg(value_name = "FILE")]
@@ -55,6 +61,7 @@ pub(in crate::cli) fn check(global: &Global, args: &CheckArgs) -> Result<u8, Cli
         (MotionCheck::of_series(&robot, &series, limit.as_ref())?, Some(nearness(&robot, &series)))
     } else {
         let judged = MotionCheck::of_samples(&robot, &samples(&args.file, &text, &robot)?, limit.as_ref())?;
+        offsets_text(&robot).iter().for_each(|offsets| output::print_hint(offsets));
         if !global.json {
             print_used(&robot, &judged.check);
         }
@@ -64,7 +71,7 @@ pub(in crate::cli) fn check(global: &Global, args: &CheckArgs) -> Result<u8, Cli
         output::json(&json!({
             "kept": judged.is_kept(),
             "broken": judged.broken_value(),
-            "not_judged": judged.unjudged().iter().map(unjudged_value).collect::<Vec<_>>(),
+            "not_judged": judged.unchecked().iter().map(Unchecked::as_value).collect::<Vec<_>>(),
             "limits": limits.unwrap_or_else(|| used_value(&judged.check)),
             "torques": judged.torque_value(),
             "clearances": judged.clearance_value(),
@@ -74,11 +81,8 @@ pub(in crate::cli) fn check(global: &Global, args: &CheckArgs) -> Result<u8, Cli
         for sentence in judged.broken() {
             output::line(&format!("BROKEN {sentence}"));
         }
-        for (joint, quantity, _) in judged.unjudged() {
-            output::line(&format!(
-                "NOT JUDGED joint {joint}: {quantity}; positions have too few digits for it, give velocities (vel_{joint}) \
-                 or more digits"
-            ));
+        for unchecked in judged.unchecked() {
+            output::line(&format!("NOT JUDGED {}", unchecked.sentence()));
         }
         if judged.is_kept() {
             output::line("");
@@ -109,10 +113,6 @@ pub(super) fn print_used(robot: &Robot, check: &SampleCheck) {
         &rows,
         &[],
     );
-}
-
-fn unjudged_value((joint, quantity, _): &(JointIndex, Limited, f64)) -> Value {
-    json!({ "joint": joint.number(), "quantity": quantity.to_string() })
 }
 
 /// The same for scripts.

@@ -45,7 +45,7 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
     let sizes = sizes(&base, &all, &nominal_base(&robot, &base));
     let beside = args.beside.read(global, &robot, &base, recording.as_ref(), sizes)?;
     let settings = SearchSettings { clearance: limit.clone(), ..args.settings(&robot, &base)? };
-    let chosen = settings.parameters.clone();
+    let (chosen, limits) = (settings.parameters.clone(), settings.limits.clone());
     let (found, precision) = match (&beside, &recording) {
         (Some(beside), Some(recording)) => {
             let (found, precision) = args.least_addition(&robot, &base, settings, beside, recording)?;
@@ -83,7 +83,10 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         true => output::json(&told.as_value()),
         false => told.print(),
     }
-    slower(&robot, &found.series, args.reached()).iter().for_each(|sentence| output::print_hint(sentence));
+    judged.print_unchecked();
+    judged.torque_hints().iter().for_each(|hint| output::print_hint(hint));
+    let slower = slower(&robot, &limits, &found.series, args.reached());
+    slower.iter().for_each(|sentence| output::print_hint(sentence));
     let broken = judged.broken();
     if !broken.is_empty() {
         broken.iter().for_each(|sentence| output::print_hint(sentence));
@@ -100,7 +103,16 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         None if !global.json => output::print_hint("nothing is written; -o FILE saves the programme"),
         None => {}
     }
-    Ok(EXIT_DONE)
+    if slower.is_empty() {
+        return Ok(EXIT_DONE);
+    }
+    output::print_hint(&format!(
+        "the motion does not reach the required speeds: allow more harmonics per second of duration (more --harmonics than {} or \
+         fewer --seconds than {}) or more --starts, or require less (--reach-speed-share)",
+        args.harmonics,
+        1.0 / found.series.base_frequency
+    ));
+    Ok(EXIT_FOUND)
 }
 
 impl DesignArgs {

@@ -10,6 +10,7 @@ use super::motion_check::MotionCheck;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::position_columns::offsets_text;
 use crate::cli::shared::programme::programme;
 use crate::cli::shared::result_file::{refuse_source, result_file, write_lines};
 use armwatch_model::robot::{FourierExcitation, JointKind, Robot};
@@ -28,7 +29,9 @@ Examples:
       --rate-hz 20 -o er3a_pvt.csv
 
 The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a prismatic joint), with all
-digits. --waypoints omits accelerations: position, velocity and time (PVT) for a controller that connects them
+digits. Positions are those that the controller has at its joints: the positions of the programme minus
+position_offset_* of the description. They are on the joint side: gear ratios, [transmission], and signs and units
+of a layout are not applied. --waypoints omits accelerations: position, velocity and time (PVT) for a controller that connects them
 with cubic polynomials. The command prints the largest difference between these and the motion.
 
 If the motion breaks a limit of the arm, the exit status is 1 and the command writes nothing.")]
@@ -63,7 +66,9 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
     let robot = arm(global, &args.robot)?;
     let series = programme(&args.file, &robot)?.series;
     let limit = args.surroundings.limit(&robot)?;
-    let broken = MotionCheck::of_series(&robot, &series, limit.as_ref())?.broken();
+    let judged = MotionCheck::of_series(&robot, &series, limit.as_ref())?;
+    judged.print_unchecked();
+    let broken = judged.broken();
     if !broken.is_empty() {
         broken.iter().for_each(|sentence| output::print_hint(sentence));
         if !args.despite_broken_limits {
@@ -79,11 +84,15 @@ pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Re
     let columns = if args.waypoints { 2 } else { 3 };
     let row = |k: u64| {
         let time = k as f64 / args.rate_hz;
-        let cells = state_at(&series, time).into_iter().flat_map(|state| state.into_iter().take(columns));
+        let cells =
+            state_at(&series, time).into_iter().zip(&robot.joints).flat_map(|([q, qd, qdd], joint)| {
+                [joint.recorded_position(q), qd, qdd].into_iter().take(columns)
+            });
         [time].into_iter().chain(cells).map(|value| value.to_string()).collect::<Vec<_>>().join(",")
     };
     // the last row is the rest at the end
     write_lines(&args.output, std::iter::once(header).chain((0..=steps).map(row)))?;
+    offsets_text(&robot).iter().for_each(|offsets| output::print_hint(offsets));
     let deviation = args.waypoints.then(|| interpolation_error(&series, 1.0 / args.rate_hz));
     if global.json {
         output::json(&json!({

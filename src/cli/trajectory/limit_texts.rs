@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use armwatch_method::NumericsError;
-use armwatch_model::robot::{FourierExcitation, JointKind, Robot};
-use armwatch_trajectory::limits::{Breach, extremes};
+use armwatch_model::robot::{FourierExcitation, JointIndex, JointKind, Robot};
+use armwatch_trajectory::limits::{Breach, MotionLimits, extremes};
 
 /// A broken limit in one sentence.
 pub(super) fn sentence(robot: &Robot, breach: &Breach) -> String {
@@ -87,7 +87,7 @@ const SPEED_TOLERANCE: f64 = 1e-3;
 
 /// The same for scripts.
 pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
-    let of_joint = |index: armwatch_model::robot::JointIndex| {
+    let of_joint = |index: JointIndex| {
         let (limits, found) = (&robot.joints[index.index()].limits, extremes(series, index.index()));
         json!({
             "joint": index.number(),
@@ -105,21 +105,32 @@ pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
     robot.joint_indices().map(of_joint).collect()
 }
 
-/// Joints that stay below the requested share of their top speeds, one sentence each.
-pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> Vec<String> {
-    let of_joint = |index: armwatch_model::robot::JointIndex| {
+/// Joints that stay below the required share of their top speeds, one sentence each. `limits` `[n]` are those of the
+/// search.
+pub(super) fn slower(
+    robot: &Robot,
+    limits: &[MotionLimits],
+    series: &FourierExcitation,
+    share: f64,
+) -> Vec<String> {
+    let of_joint = |(index, limits): (JointIndex, &MotionLimits)| {
         let top = robot.joints[index.index()].limits.velocity;
         let reached = extremes(series, index.index()).speed.value.abs() / top;
+        // from rest to rest over the whole range with the largest acceleration: v² = a (max - min)
+        let possible = (2.0 * limits.acceleration * limits.half_range()).sqrt() / top;
+        let forbidden = match possible < share {
+            true => format!("; its range and acceleration allow at most {:.1} %", 100.0 * possible),
+            false => String::new(),
+        };
         (reached < (1.0 - SPEED_TOLERANCE) * share).then(|| {
             format!(
-                "joint {index} reaches {:.1} % of its top speed, not the required {:.1} %: more --harmonics \
-                allow faster acceleration",
+                "joint {index} reaches {:.1} % of its top speed, not the required {:.1} %{forbidden}",
                 100.0 * reached,
                 100.0 * share
             )
         })
     };
-    robot.joint_indices().filter_map(of_joint).collect()
+    robot.joint_indices().zip(limits).filter_map(of_joint).collect()
 }
 
 /// Why a motion of the arm `arm` gives no numbers, and the remedy.
@@ -139,6 +150,27 @@ mod tests {
     use super::*;
     use crate::cli::context::EXIT_USAGE;
     use armwatch_testing::er3a;
+    use armwatch_trajectory::limits::Shares;
+
+    #[test]
+    fn a_speed_that_the_range_forbids_is_said() {
+        let mut robot = er3a();
+        let series = robot.excitation.clone().expect("Table 4.1");
+        // 0.5 rad at 2 rad/s²: at most 1 rad/s
+        robot.joints[0].limits.velocity = 4.0;
+        let limits = |robot: &Robot| -> Vec<MotionLimits> {
+            let whole = Shares { position: 1.0, velocity: 1.0, acceleration: 1.0 };
+            robot.joints.iter().map(|joint| MotionLimits::of(joint, &whole)).collect()
+        };
+        let mut narrow = limits(&robot);
+        (narrow[0].position_min, narrow[0].position_max, narrow[0].acceleration) = (-0.25, 0.25, 2.0);
+        let said = slower(&robot, &narrow, &series, 0.9);
+        assert!(
+            said[0].contains("not the required 90.0 %; its range and acceleration allow at most 25.0 %"),
+            "{said:?}"
+        );
+        assert!(slower(&robot, &narrow, &series, 0.0).is_empty());
+    }
 
     #[test]
     fn a_motion_that_is_too_short_is_to_be_longer() {

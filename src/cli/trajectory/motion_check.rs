@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::limit_texts;
-use super::torque::{TorqueUse, heating, peaks_beyond, torque_use};
+use super::torque::{TorqueUse, heating, peaks_beyond, torque_use, without_coupled_motors};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use armwatch_model::robot::{FourierExcitation, JointIndex, Robot};
@@ -22,8 +22,36 @@ pub(super) struct MotionCheck<'a> {
     pub check: SampleCheck,
     /// Smallest distance of each pair.
     nearest: Vec<Nearest>,
-    /// Torques of the motors, if they can be computed.
-    torques: Option<Vec<TorqueUse>>,
+    /// Torques of the motors, or the reason why they cannot be computed.
+    torques: Result<Vec<TorqueUse>, String>,
+    /// True if the speeds are known, by the motion or its file.
+    has_speeds: bool,
+}
+
+/// A limit of the description that was not checked.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Unchecked {
+    /// Its joint; `None` for a limit of the arm.
+    pub joint: Option<JointIndex>,
+    /// The limited quantity.
+    pub quantity: String,
+    /// Why, with the remedy.
+    pub reason: String,
+}
+
+impl Unchecked {
+    /// In one sentence.
+    pub fn sentence(&self) -> String {
+        let joint = self.joint.map_or_else(String::new, |joint| format!("joint {joint}: "));
+        format!("{joint}{}; {}", self.quantity, self.reason)
+    }
+
+    /// For scripts.
+    pub fn as_value(&self) -> Value {
+        json!({
+            "joint": self.joint.map(JointIndex::number), "quantity": self.quantity, "reason": self.reason,
+        })
+    }
 }
 
 impl<'a> MotionCheck<'a> {
@@ -44,6 +72,7 @@ impl<'a> MotionCheck<'a> {
             check: SampleCheck { breaches: broken_by_series(robot, series), ..SampleCheck::default() },
             nearest: limit.map_or_else(Vec::new, |limit| nearest_of_series(robot, &limit.clearance, series)),
             torques: torque_use(robot, states)?,
+            has_speeds: true,
         })
     }
 
@@ -59,7 +88,7 @@ impl<'a> MotionCheck<'a> {
             (Some(qd), Some(qdd)) => {
                 torque_use(robot, rows.clone().map(|k| [row(k, &motion.positions), row(k, qd), row(k, qdd)]))?
             }
-            _ => None,
+            _ => Err("the file has no velocities and accelerations of all joints".to_owned()),
         };
         let postures = rows.map(|k| (motion.times[k], row(k, &motion.positions)));
         Ok(Self {
@@ -69,6 +98,7 @@ impl<'a> MotionCheck<'a> {
             nearest: limit
                 .map_or_else(Vec::new, |limit| nearest_of_postures(robot, &limit.clearance, postures)),
             torques,
+            has_speeds: motion.velocities.is_some(),
         })
     }
 
@@ -94,14 +124,50 @@ impl<'a> MotionCheck<'a> {
         })
     }
 
-    /// Quantities that could not be checked.
-    pub fn unjudged(&self) -> &[(JointIndex, Limited, f64)] {
-        &self.check.unjudged
+    /// Limits of the description that were not checked: of motion, then torque, then distances.
+    pub fn unchecked(&self) -> Vec<Unchecked> {
+        let motion = self.check.unjudged.iter().map(|&(joint, quantity, _)| Unchecked {
+            joint: Some(joint),
+            quantity: quantity.to_string(),
+            reason: match (quantity, self.has_speeds) {
+                (Limited::Jerk, false) => {
+                    format!("positions alone do not show it, give velocities (vel_{joint})")
+                }
+                _ => format!(
+                    "the file has too few digits for it, give velocities (vel_{joint}), accelerations (acc_{joint}) or \
+                     more digits"
+                ),
+            },
+        });
+        let peaks = self.torques.as_ref().err().into_iter().flat_map(|reason| {
+            let limited = self
+                .robot
+                .joint_indices()
+                .filter(|joint| self.robot.joints[joint.index()].peak_torque.is_some());
+            limited.map(|joint| Unchecked {
+                joint: Some(joint),
+                quantity: "peak torque".to_owned(),
+                reason: reason.clone(),
+            })
+        });
+        let clearance = (self.limit.is_none() && self.has_shape()).then(|| Unchecked {
+            joint: None,
+            quantity: "clearance".to_owned(),
+            reason:
+                "the description has capsules, but no pairs of links (self_collision), and no --cell is given"
+                    .to_owned(),
+        });
+        motion.chain(peaks).chain(clearance).collect()
+    }
+
+    /// Returns true if a link that moves has a described shape.
+    fn has_shape(&self) -> bool {
+        self.robot.shape.capsules.iter().any(|capsule| capsule.link > 0)
     }
 
     /// Returns true if every limit was checked and kept.
     pub fn is_kept(&self) -> bool {
-        self.unjudged().is_empty() && self.broken().is_empty()
+        self.unchecked().is_empty() && self.broken().is_empty()
     }
 
     /// Quantities with limits that were checked: `position, speed, acceleration`.
@@ -113,7 +179,7 @@ impl<'a> MotionCheck<'a> {
             ("speed", true),
             ("acceleration", true),
             ("jerk", has_jerk),
-            ("peak torque", has_peak && self.torques.is_some()),
+            ("peak torque", has_peak && self.torques.is_ok()),
             ("clearance", self.limit.is_some()),
         ];
         let names: Vec<&str> =
@@ -121,29 +187,46 @@ impl<'a> MotionCheck<'a> {
         names.join(", ")
     }
 
-    /// Quantities without a known limit, which must not be mistaken for kept ones.
+    /// Remarks on torques, and quantities without a described limit, which must not be mistaken for kept ones.
     pub fn hints(&self) -> Vec<String> {
         let mut hints = Vec::new();
-        if self.limit.is_none() {
+        if self.limit.is_none() && !self.has_shape() {
             hints.push(
                 "clearance is not judged: the description has no pairs of links to check, and no --cell is \
                 given"
                     .to_owned(),
             );
         }
+        hints.extend(self.torque_hints());
+        hints
+    }
+
+    /// Remarks on torques.
+    pub fn torque_hints(&self) -> Vec<String> {
+        let mut hints = Vec::new();
         match &self.torques {
-            Some(joints) => hints.extend(heating(joints)),
-            None => hints.push(
-                "torques are not judged: they need nominal parameters of all joints, and velocities and accelerations"
-                    .to_owned(),
-            ),
+            Ok(joints) => {
+                hints.extend(heating(joints));
+                hints.extend(without_coupled_motors(self.robot));
+            }
+            Err(reason) if self.robot.joints.iter().all(|joint| joint.peak_torque.is_none()) => {
+                hints.push(format!("torques are not judged: {reason}"));
+            }
+            Err(_) => {}
         }
         hints
     }
 
+    /// Prints the limits of the description that were not checked.
+    pub fn print_unchecked(&self) {
+        for unchecked in self.unchecked() {
+            output::print_hint(&format!("not judged: {}", unchecked.sentence()));
+        }
+    }
+
     /// Prints torques and smallest distances as tables, with an empty line before each.
     pub fn print(&self) {
-        if let Some(joints) = &self.torques {
+        if let Ok(joints) = &self.torques {
             output::line("");
             super::torque::print_torques(joints);
         }
@@ -166,7 +249,7 @@ impl<'a> MotionCheck<'a> {
 
     /// Torques and distances for scripts.
     pub fn torque_value(&self) -> Option<Value> {
-        self.torques.as_deref().map(super::torque::as_value)
+        self.torques.as_deref().ok().map(super::torque::as_value)
     }
 
     /// Smallest distances for scripts.

@@ -12,7 +12,8 @@ use armwatch_trajectory::limits::SampledMotion;
 /// Names of the time column.
 const TIMES: [&str; 3] = ["time_s", "time", "t"];
 
-/// Reads a CSV file with a header: time and the positions of all joints, perhaps velocities and accelerations.
+/// Reads a CSV file with a header: time and the controller's positions of all joints, perhaps velocities and
+/// accelerations. The motion has the positions `q` of the model.
 pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledMotion, CliError> {
     let fault = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
@@ -54,7 +55,7 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
         motion.times.push(now);
         for (column, values) in positions.iter().zip(&mut motion.positions) {
             let (value, step) = cell(column.index)?;
-            values.push(value * column.factor);
+            values.push(column.value(value));
             // the coarsest cell counts: 0.5 among 0.4999 is a number that happens to be short
             steps[0] = finest(steps[0], step * column.factor, values.len());
         }
@@ -66,7 +67,7 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
             let (Some(columns), Some(all)) = (columns, all) else { continue };
             for (column, values) in columns.iter().zip(all) {
                 let (value, step) = cell(column.index)?;
-                values.push(value * column.factor);
+                values.push(column.value(value));
                 steps[k + 1] = finest(steps[k + 1], step * column.factor, values.len());
             }
         }

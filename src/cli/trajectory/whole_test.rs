@@ -8,13 +8,14 @@ use serde_json::{Value, json};
 use super::arm::arm;
 use super::check::{print_used, used_value};
 use super::export::{header, steps};
-use super::motion_check::MotionCheck;
+use super::motion_check::{MotionCheck, Unchecked};
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::cycle::CycleArgs;
 use crate::cli::shared::levels::Levels;
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
+use crate::cli::shared::position_columns::offsets_text;
 use crate::cli::shared::programme::programme;
 use crate::cli::shared::result_file::{refuse_source, result_file, write_lines};
 use crate::report::figure::Figure;
@@ -49,7 +50,9 @@ return home. A controller that repeats its programme needs one cycle; the whole 
 
 The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a prismatic joint), then
 stage (0 between stages, 1 excitation, 2 friction, 3 warming), cycle, joint and level. Record these four with the
-motion: then armwatch need not search for the stages in the export.
+motion: then armwatch need not search for the stages in the export. Positions are those that the controller has at
+its joints: the positions of the model minus position_offset_* of the description. They are on the joint side: gear
+ratios, [transmission], and signs and units of a layout are not applied.
 
 A test without a warming stage and with few levels is a daily check of one or two minutes.
 
@@ -121,6 +124,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     }
     let plan = plan_cycle(&robot, &settings).map_err(|error| CliError::Usage(error.to_string()))?;
     let judged = MotionCheck::of_samples(&robot, &sampled(&robot, &plan), limit.as_ref())?;
+    judged.print_unchecked();
     match global.json {
         true => output::json(&as_value(&plan, &robot, &judged, args)),
         false => describe(&plan, &robot, &judged, args),
@@ -130,6 +134,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     }
     if let Some(path) = &args.output {
         write_rows(path, &robot, &plan, args)?;
+        offsets_text(&robot).iter().for_each(|offsets| output::print_hint(offsets));
     }
     if let Some(plot) = &args.plot {
         plot.write(&picture(&robot, &plan))?;
@@ -170,7 +175,6 @@ fn sampled(robot: &Robot, plan: &CyclePlan) -> SampledMotion {
 
 fn write_rows(path: &Path, robot: &Robot, plan: &CyclePlan, args: &WholeTestArgs) -> Result<(), CliError> {
     let steps = steps(args.rate_hz, plan.duration * f64::from(args.cycles))?;
-    let n = robot.joint_count();
     let row = |k: u64| {
         let time = k as f64 / args.rate_hz;
         let cycle = ((time / plan.duration) as u32).min(args.cycles - 1);
@@ -178,8 +182,9 @@ fn write_rows(path: &Path, robot: &Robot, plan: &CyclePlan, args: &WholeTestArgs
         let segment = segment_at(plan, within);
         let state = segment.state_at(within);
         let mut cells = vec![time.to_string()];
-        for j in 0..n {
-            let of_joint = [state.position[j], state.velocity[j], state.acceleration[j]];
+        for (j, joint) in robot.joints.iter().enumerate() {
+            let position = joint.recorded_position(state.position[j]);
+            let of_joint = [position, state.velocity[j], state.acceleration[j]];
             cells.extend(of_joint.map(|value| value.to_string()));
         }
         let signal = segment.signal.map_or((0, 0), |of| (of.joint.number(), usize::from(of.level)));
@@ -312,6 +317,7 @@ fn as_value(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
         "friction": friction.collect::<Vec<_>>(),
         "joints": used_value(&judged.check), "torques": judged.torque_value(), "clearances": judged.clearance_value(),
         "broken": judged.broken_value(),
+        "not_judged": judged.unchecked().iter().map(Unchecked::as_value).collect::<Vec<_>>(),
     })
 }
 

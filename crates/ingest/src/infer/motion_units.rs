@@ -77,8 +77,10 @@ pub(super) fn decide_units(
     };
     let most = |found: &QuantityColumns<'_>| units::largest(found.values.iter().copied().flatten());
     let limit = |robot: &Robot| {
-        let limits = robot.joints.iter().map(|joint| &joint.limits);
-        limits.fold(0.0_f64, |most, limit| most.max(limit.position_min.abs()).max(limit.position_max.abs()))
+        let recorded = robot.joints.iter().flat_map(|joint| {
+            [joint.limits.position_min, joint.limits.position_max].map(|q| joint.recorded_position(q))
+        });
+        recorded.fold(0.0_f64, |most, position| most.max(position.abs()))
     };
     let mut figures = ColumnNumbers {
         position: joints.position.as_ref().map_or(0.0, most),

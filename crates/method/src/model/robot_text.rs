@@ -13,6 +13,7 @@ impl fmt::Display for RobotCheck {
         write_geometry(f, &self.robot)?;
         write_conventions(f, &self.robot)?;
         write_limits(f, &self.robot)?;
+        write_drives(f, &self.robot)?;
         write_pose(f, &self.pose_at_zero)?;
         write_identities(f, &self.identities)?;
         write_base(f, &self.robot, &self.base)
@@ -187,6 +188,47 @@ fn write_limits(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
             short(limits.velocity * factor),
             short(limits.acceleration * factor),
         )?;
+    }
+    Ok(())
+}
+
+/// Writes the drive of each joint, in the units of the limits; the matrix of the motors only if they turn with several
+/// joints.
+fn write_drives(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
+    let given = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), short);
+    writeln!(f, "\nDrives (torques in Nm, forces of sliding joints in N)")?;
+    writeln!(
+        f,
+        "{:>5}  {:>10} {:>16} {:>14} {:>12} {:>12} {:>12}",
+        "joint",
+        "gear ratio",
+        "position offset",
+        "low speed [/s]",
+        "rated motor",
+        "rated joint",
+        "peak joint"
+    )?;
+    for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
+        let factor = if joint.kind == JointKind::Revolute { 1_f64.to_degrees() } else { 1.0 };
+        writeln!(
+            f,
+            "{:>5}  {:>10} {:>16} {:>14} {:>12} {:>12} {:>12}",
+            index.number(),
+            short(joint.gear_ratio),
+            short(joint.position_offset * factor),
+            short(joint.low_speed * factor),
+            given(joint.rated_motor_torque),
+            given(joint.rated_torque),
+            given(joint.peak_torque),
+        )?;
+    }
+    if !robot.has_coupled_motors() {
+        return Ok(());
+    }
+    writeln!(f, "Motor turns per joint turn, theta_motor = R q: a row per motor, a column per joint")?;
+    for row in robot.transmission.row_iter() {
+        let cells: Vec<String> = row.iter().map(|ratio| format!("{:>10}", short(*ratio))).collect();
+        writeln!(f, "  {}", cells.join(" "))?;
     }
     Ok(())
 }

@@ -24,6 +24,32 @@ pub fn nominal_base(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
         .collect()
 }
 
+/// Base parameters `[b]` for the torque of the described arm. Inertia and friction of coupled motors count as zero,
+/// because a description has no values for them; otherwise the values are those of [`nominal_base`].
+///
+/// # Errors
+/// All other parameters without a nominal value, including grouped ones.
+pub fn nominal_torque_base(robot: &Robot, base: &BaseParameters) -> Result<Vec<f64>, Vec<ParameterId>> {
+    let value = |id: ParameterId| match id.kind {
+        ParameterKind::Coupling(_) => Some(0.0),
+        _ => nominal_value(robot, id),
+    };
+    let mut missing = Vec::new();
+    let mut known = |id: ParameterId| {
+        let value = value(id);
+        if value.is_none() {
+            missing.push(id);
+        }
+        value.unwrap_or(0.0)
+    };
+    let mut values = Vec::with_capacity(base.kept.len());
+    for (&id, group) in base.kept.iter().zip(&base.grouping) {
+        let own = known(id);
+        values.push(group.iter().fold(own, |sum, term| sum + term.coefficient * known(term.id)));
+    }
+    if missing.is_empty() { Ok(values) } else { Err(missing) }
+}
+
 /// Described value of a parameter, in the unit of [`ParameterId::unit`].
 #[must_use]
 pub fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
@@ -85,7 +111,7 @@ mod tests {
     use super::*;
     use crate::model::base_parameters::base_parameters;
     use crate::model::dynamics::DynamicModel;
-    use armwatch_model::robot::{FrictionTerm, JointIndex};
+    use armwatch_model::robot::{Coupling, FrictionTerm, JointIndex};
     use armwatch_testing::er3a;
 
     /// Rounding of a few hundred operations.
@@ -133,6 +159,44 @@ mod tests {
             }
         }
         assert!(known.iter().flatten().count() > 30);
+    }
+
+    #[test]
+    fn coupled_motors_have_no_prior_and_count_as_zero_in_torques() {
+        let mut robot = er3a();
+        robot.transmission[(5, 4)] = 32.0;
+        let plain = base_parameters(&robot).expect("base parameters");
+        let (joint, motor_joint) = (JointIndex::new(4), JointIndex::new(5));
+        robot.couplings = vec![Coupling { joint, motor_joint, ratio: 0.5 }];
+        let base = base_parameters(&robot).expect("base parameters");
+        assert!(nominal_base(&robot, &base).contains(&None));
+        let values = nominal_torque_base(&robot, &base).expect("every other parameter is described");
+        let of_coupling = |id: &&ParameterId| matches!(id.kind, ParameterKind::Coupling(_));
+        assert_eq!(base.kept.iter().filter(of_coupling).count(), 3);
+        for (id, value) in base.kept.iter().zip(&values).filter(|(id, _)| of_coupling(id)) {
+            assert!(value.abs() < ROUNDING, "{id}: {value}");
+        }
+        let model = |base: &BaseParameters, values: Vec<f64>| {
+            DynamicModel::from_parameters(&robot, base.kept.iter().copied().zip(values))
+        };
+        let [coupled, plain] = [
+            model(&base, values),
+            model(
+                &plain,
+                nominal_base(&robot, &plain).into_iter().map(|value| value.expect("nominal")).collect(),
+            ),
+        ]
+        .map(|model| {
+            let mut tau = [0.0; 6];
+            model.torque(&robot, &[0.3; 6], &[-0.5; 6], &[1.5; 6], &mut tau);
+            tau
+        });
+        for (coupled, plain) in coupled.iter().zip(plain) {
+            assert!((coupled - plain).abs() < ROUNDING * plain.abs().max(1.0), "{coupled} {plain}");
+        }
+        robot.joints[2].nominal = None;
+        let missing = nominal_torque_base(&robot, &base).expect_err("a joint");
+        assert!(missing.iter().all(|id| id.joint.index() == 2), "{missing:?}");
     }
 
     #[test]

@@ -13,6 +13,7 @@ use super::format::ExportFormat;
 use crate::plan::motion::PerJoint;
 use crate::run::recording::RecordedRow;
 use crate::run::temperatures::TemperatureColumns;
+use armwatch_model::robot::{MAX_JOINTS, Robot};
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
 /// Text collected before it is written: some hundred rows, few system calls.
@@ -51,6 +52,8 @@ pub struct ExportWriter {
     joint_count: usize,
     temperatures: TemperatureColumns,
     format: Option<ExportFormat>,
+    /// Model's positions minus the controller's, rad (m).
+    position_offsets: PerJoint,
     part: PartFile,
     output: Output,
     text: Vec<u8>,
@@ -112,7 +115,17 @@ impl ExportWriter {
                 text.push(b'\n');
             }
         }
-        Ok(Self { joint_count, temperatures, format, part, output, text })
+        let position_offsets = [0.0; MAX_JOINTS];
+        Ok(Self { joint_count, temperatures, format, position_offsets, part, output, text })
+    }
+
+    /// Makes the export contain positions as the controller of `robot` counts them: those of the rows minus the
+    /// position offsets. Without this, the arm has no offsets.
+    #[must_use]
+    pub fn with_offsets_of(mut self, robot: &Robot) -> Self {
+        let joints = self.position_offsets.iter_mut().zip(&robot.joints);
+        joints.for_each(|(offset, joint)| *offset = joint.position_offset);
+        self
     }
 
     /// Appends a row.
@@ -120,9 +133,11 @@ impl ExportWriter {
     /// # Errors
     /// Those of writing.
     pub fn push(&mut self, row: &RecordedRow) -> io::Result<()> {
+        let mut row = *row;
+        row.position.iter_mut().zip(&self.position_offsets).for_each(|(q, offset)| *q -= offset);
         match &self.format {
-            Some(format) => format.push_row(&mut self.text, row),
-            None => push_row(&mut self.text, row, self.joint_count, self.temperatures),
+            Some(format) => format.push_row(&mut self.text, &row),
+            None => push_row(&mut self.text, &row, self.joint_count, self.temperatures),
         }
         if self.text.len() >= CHUNK_BYTES { self.write_text() } else { Ok(()) }
     }
@@ -238,7 +253,7 @@ mod tests {
     use flate2::read::GzDecoder;
 
     use super::*;
-    use armwatch_model::robot::{JointIndex, MAX_JOINTS};
+    use armwatch_model::robot::JointIndex;
     use armwatch_model::run::FrictionSignal;
     use armwatch_model::run::Stage;
 

@@ -31,12 +31,12 @@ pub struct ExportColumn {
 pub enum ColumnContent {
     /// Time since the start of the run, in units of 1 / this value of a second.
     Time(f64),
-    /// Positions of the joints.
-    Position(Weighted),
+    /// Positions of the joints as the controller counts them.
+    Position(JointWeights),
     /// Their velocities.
-    Velocity(Weighted),
+    Velocity(JointWeights),
     /// Their torques.
-    Torque(Weighted),
+    Torque(JointWeights),
     /// Stage signal: values for between stages, excitation, friction and warming.
     Stage([i64; 4]),
     /// Stage signal in words, in the same order.
@@ -85,18 +85,13 @@ impl TemperatureScale {
     }
 }
 
-/// A weighted sum of the joints' signals: units, signs, gears and couplings in one.
+/// One weight per joint for the sum of their signals: units, signs, gears and couplings in one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Weighted {
-    /// One weight per joint.
-    pub weights: Vec<f64>,
-    /// Added to the sum.
-    pub constant: f64,
-}
+pub struct JointWeights(pub Vec<f64>);
 
-impl Weighted {
+impl JointWeights {
     fn of(&self, signals: &[f64]) -> f64 {
-        self.constant + self.weights.iter().zip(signals).map(|(w, x)| w * x).sum::<f64>()
+        self.0.iter().zip(signals).map(|(w, x)| w * x).sum::<f64>()
     }
 }
 

@@ -76,8 +76,13 @@ fn posture(robot: &Robot, number: usize, point: &[f64]) -> Result<PerJoint, Simu
         let limits = &joint.limits;
         let unit = if joint.kind == JointKind::Revolute { "rad" } else { "m" };
         if !(limits.position_min..=limits.position_max).contains(value) {
+            let recorded = if joint.position_offset == 0.0 {
+                String::new()
+            } else {
+                format!(" ({} {unit} of the controller)", joint.recorded_position(*value))
+            };
             let problem = format!(
-                "joint {of} at {value} {unit} is outside its range of {} to {} {unit}",
+                "joint {of} at {value} {unit}{recorded} is outside its range of {} to {} {unit}",
                 limits.position_min, limits.position_max
             );
             return Err(SimulateError::Point { point: number, problem });

@@ -128,7 +128,7 @@ pub struct Recording {
 pub struct RecordedRow {
     /// Time since the start of the run, s.
     pub time: f64,
-    /// Position signals, rad.
+    /// Position signals as the model's `q`, with the position offsets: rad.
     pub position: PerJoint,
     /// Velocity signals, rad/s.
     pub velocity: PerJoint,

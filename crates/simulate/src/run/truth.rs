@@ -57,6 +57,9 @@ pub struct RunTruth {
     /// Body at the tool frame; absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadTruth>,
+    /// Torques that the export lacks, as sentences; absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub not_simulated: Vec<String>,
     /// Parameters of each joint and its link in this run, without the load.
     pub joints: Vec<JointTruth>,
     /// Faults with their size in this run.

@@ -89,13 +89,27 @@ impl SearchProblem<'_> {
         let mut by_torque = vec![vec![Lanes::ZERO; n]; states.len()];
         for j in 0..n {
             if let Some(limit) = limits.mean_square_root[j] {
-                let squares: f64 = torques.iter().map(|of| (of[j] * of[j]).sum()).sum();
+                let weights: Vec<(usize, f64)> = limits
+                    .duty
+                    .row(j)
+                    .iter()
+                    .copied()
+                    .enumerate()
+                    .filter(|(_, weight)| *weight != 0.0)
+                    .collect();
+                let duty = |of: &Vec<Lanes>| {
+                    weights.iter().fold(Lanes::ZERO, |sum, &(k, weight)| sum + of[k] * weight)
+                };
+                let duty: Vec<Lanes> = torques.iter().map(duty).collect();
+                let squares: f64 = duty.iter().map(|of| (*of * *of).sum()).sum();
                 let effective = (squares / instants).sqrt();
                 let excess = effective / limit - 1.0;
                 if excess > 0.0 {
                     cost += penalty * excess * excess;
                     let factor = 2.0 * penalty * excess / (limit * effective * instants);
-                    by_torque.iter_mut().zip(&torques).for_each(|(by, of)| by[j] += of[j] * factor);
+                    for (by, of) in by_torque.iter_mut().zip(&duty) {
+                        weights.iter().for_each(|&(k, weight)| by[k] += *of * (factor * weight));
+                    }
                 }
             }
             let Some(limit) = limits.peak[j] else { continue };

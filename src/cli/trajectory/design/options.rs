@@ -43,7 +43,10 @@ limits of jerk, peak torque or the clearance of its capsules, the motion keeps t
 The same seed and number of starts give the same file on any number of threads. --budget-s writes the number of
 starts into the file; --starts with that number gives the same file again. --beside-run finds the shortest motion
 that shows the parameters that production does not show. Standard deviations are valid for white noise of the
-torque signal and one period; docs/trajectories.md has the limits of this.")]
+torque signal and one period; docs/trajectories.md has the limits of this.
+
+Exit status 1 if the best motion breaks a limit, and the command writes nothing; also if a joint does not reach
+the required speed (--reach-speed-share), and the command writes the programme.")]
 pub(in crate::cli) struct DesignArgs {
     /// Arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
@@ -72,7 +75,7 @@ pub(in crate::cli) struct DesignArgs {
     /// Fraction of its top speed that each joint must reach [default: 0, with --objective scaled-condition 0.5]
     #[arg(help_heading = "Motion", long, value_name = "FRACTION", value_parser = share_or_none)]
     pub(super) reach_speed_share: Option<f64>,
-    /// Allowed root mean square of a joint's torque, as a fraction of the rated torque; 0 for no limit of torques
+    /// Allowed root mean square of a joint's torque, as a fraction of the rated torque; 0 for no such limit
     #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "FRACTION", value_parser = share_or_none)]
     pub(super) torque_share: f64,
     /// Quantity to minimise

@@ -3,7 +3,7 @@
 use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
-use crate::cli::trajectory::torque::rated_torques;
+use crate::cli::trajectory::torque::{DutyLimits, nominal_parameters};
 use armwatch_method::least_squares::essential::EssentialSettings;
 use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_method::pooled::nominal_prior::nominal_base;
@@ -64,7 +64,7 @@ impl DesignArgs {
             row_scales,
             limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
             clearance: None,
-            torque: self.torque_limits(robot, &nominal),
+            torque: self.torque_limits(robot, base),
             // the search counts relative to its own speed limit
             reached_speed: self.reached() / self.speed_share,
         })
@@ -143,21 +143,22 @@ impl DesignArgs {
             .map_err(|error| CliError::Usage(error.to_string()))
     }
 
-    /// Limits of torques, if parameters and rated torques are known.
-    pub(super) fn torque_limits(&self, robot: &Robot, nominal: &[Option<f64>]) -> Option<TorqueLimits> {
-        let parameters: Option<Vec<f64>> = nominal.iter().copied().collect();
-        let rated = rated_torques(robot);
+    /// Limits of torques, if they are described and the parameters are known.
+    pub(super) fn torque_limits(&self, robot: &Robot, base: &BaseParameters) -> Option<TorqueLimits> {
+        let DutyLimits { weights, rated } = DutyLimits::of(robot);
+        let share = TORQUE_CLEARANCE * self.torque_share;
+        let mean_square_root: Vec<Option<f64>> = rated
+            .into_iter()
+            .map(|rated| rated.map(|rated| share * rated).filter(|limit| *limit > 0.0))
+            .collect();
         let peak: Vec<Option<f64>> =
             robot.joints.iter().map(|joint| joint.peak_torque.map(|peak| TORQUE_CLEARANCE * peak)).collect();
-        let limited = self.torque_share > 0.0 && rated.iter().chain(&peak).any(Option::is_some);
-        parameters.filter(|_| limited).map(|parameters| TorqueLimits {
-            parameters,
-            mean_square_root: rated
-                .into_iter()
-                .map(|rated| rated.map(|rated| TORQUE_CLEARANCE * self.torque_share * rated))
-                .collect(),
-            peak,
-        })
+        if mean_square_root.iter().chain(&peak).all(Option::is_none) {
+            return None;
+        }
+        // MotionCheck reports a limit without parameters
+        let parameters = nominal_parameters(robot, base).ok()?;
+        Some(TorqueLimits { parameters, duty: weights, mean_square_root, peak })
     }
 
     /// Noise of each torque signal, if known.
