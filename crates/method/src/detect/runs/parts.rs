@@ -10,7 +10,7 @@ use super::arm::cause::ArmCause;
 use super::arm::{
     ArmEvidence, UsualArm, faults, least_advantage as least_advantage_of_arm, response_of, together,
 };
-use super::arm_detectors::common_change::common_parts;
+use super::arm_detectors::common_change::{common_parts, thermal_parts};
 use super::curve::causes::{RunCauses, UsualCurves, tests_of_usual};
 use super::curve::run_cause::{RunCause, least_advantage};
 use super::history::friction_history::{FrictionHistory, bound_spreads, learn_before_jumps};
@@ -111,6 +111,8 @@ impl<'h> Parts<'h> {
         learn_before_jumps(&mut friction);
         let common = common_parts(&friction, runs.len());
         friction.iter_mut().zip(&common).for_each(|(history, common)| history.without_common(common));
+        let thermal = thermal_parts(&friction, runs.len());
+        friction.iter_mut().zip(&thermal).for_each(|(history, shared)| history.with_thermal(shared));
         bound_spreads(&mut friction);
         let moments: Vec<(i64, Timestamp)> = runs.iter().map(|run| (run.run_id, run.started_at)).collect();
         let faults = faults(&arm);

@@ -43,6 +43,24 @@ pub(in crate::detect::runs) fn common_parts(histories: &[FrictionHistory], runs:
     (0..histories.len()).map(|joint| (0..runs).map(|run| of(joint, run)).collect()).collect()
 }
 
+/// The median over each joint's others of the logarithm that the friction maps attribute to temperature, by joint and
+/// run; `None` if too few of them are known.
+pub(in crate::detect::runs) fn thermal_parts(
+    histories: &[FrictionHistory],
+    runs: usize,
+) -> Vec<Vec<Option<f64>>> {
+    let mut corrections = vec![vec![None; runs]; histories.len()];
+    for (history, found) in histories.iter().zip(&mut corrections) {
+        history.runs.iter().for_each(|of| found[of.run] = of.correction());
+    }
+    let of = |joint: usize, run: usize| {
+        let others = corrections.iter().enumerate().filter(|(other, _)| *other != joint);
+        let found: Vec<f64> = others.filter_map(|(_, of)| of[run]).collect();
+        median(&found).filter(|_| found.len() >= FEWEST_OTHERS)
+    };
+    (0..histories.len()).map(|joint| (0..runs).map(|run| of(joint, run)).collect()).collect()
+}
+
 /// Logarithm of each run's measured friction over the baseline, with its own variance.
 fn ln_ratios(history: &FrictionHistory, runs: usize) -> Vec<Option<(f64, f64)>> {
     let mut found = vec![None; runs];
@@ -174,6 +192,39 @@ mod tests {
             assert!(anomaly.first_run_id <= runs[22].run_id, "{anomaly:?}");
         }
         assert_eq!(detect(&excited(6), &DetectSettings::default()).anomalies, vec![]);
+    }
+
+    /// Daily tests of six joints. Friction at equal speed grows by the fraction `colder` within a month, because the room
+    /// gets colder, and the index of joint 4 by `own`.
+    fn in_colder_room(colder: f64, own: f64) -> Vec<RunSummary> {
+        let part = |run: usize| run.saturating_sub(9).min(30) as f64 / 30.0;
+        let mut runs = history(60, |run, j| if j == 3 { 1.0 + own * part(run) } else { 1.0 });
+        for (run, summary) in runs.iter_mut().enumerate() {
+            for joint in &mut summary.joints {
+                let index = joint.friction_index.map_or(1.0, |of| of.value);
+                joint.warm_friction = Some(WarmFriction {
+                    torque: 10.0 * index * (1.0 + colder * part(run)),
+                    std_error: 0.05,
+                    minute: 100.0,
+                    speed_fraction: 0.6,
+                });
+            }
+        }
+        runs
+    }
+
+    #[test]
+    fn an_index_is_as_uncertain_as_its_correction_for_temperature() {
+        let alarms = |colder: f64, own: f64| {
+            let found = detect(&in_colder_room(colder, own), &DetectSettings::default()).anomalies;
+            found.iter().map(|of| (of.kind, of.joint.map(JointIndex::index))).collect::<Vec<_>>()
+        };
+        let worn = vec![(AnomalyKind::Drift, Some(3))];
+        assert_eq!(alarms(0.0, 0.08), worn);
+        // a third more friction in the cold: three standard errors of 15 % of its logarithm are 0.13
+        assert_eq!(alarms(0.33, 0.08), vec![]);
+        assert_eq!(alarms(0.33, 0.20), worn);
+        assert_eq!(alarms(-0.25, 0.08), vec![]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use nalgebra::DVector;
 use super::first_level::{FirstLevels, LEVEL_CHANGE};
 use crate::detect::control_chart::median_variance;
 use crate::detect::rate::OWN_FROM;
-use crate::statistics::descriptive::{median, robust_deviation, standard_deviation};
+use crate::statistics::descriptive::{mean, median, robust_deviation, standard_deviation};
 use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
 use armwatch_model::anomaly::quantity::Quantity;
 
@@ -111,6 +111,10 @@ pub(in crate::detect::runs) struct Observed {
     pub(in crate::detect::runs) ratio: f64,
     /// The common part of all joints, in logarithms ([`crate::detect::runs::arm_detectors::common_change`]).
     common: f64,
+    /// Correction of the friction map for temperature: the logarithm of friction as measured over the index.
+    correction: Option<f64>,
+    /// The part of this correction that all joints share, since the baseline.
+    thermal: f64,
     pub(in crate::detect::runs) source: Source,
     /// Standard error of the ratio; zero if the scatter of the baseline contains it.
     pub(in crate::detect::runs) std_error: f64,
@@ -125,16 +129,37 @@ pub(in crate::detect::runs) struct Observed {
 /// Standard deviation of a joint's share in the common part of all joints, about one.
 pub(in crate::detect::runs) const COMMON_SPREAD: f64 = 0.4;
 
+/// Standard deviation of the error of a joint's index, as a fraction of the thermal correction that all joints share:
+/// its map knows how friction depends on temperature from the few temperatures of its tests. Healthy joints at 5 to
+/// 35 °C differ by 0.3 of that correction at most ([`crate::detect::runs::health`]).
+const THERMAL_SPREAD: f64 = 0.15;
+
+/// Standard deviation of the difference of a joint's index between two tests whose common part and common thermal
+/// correction differ by this.
+pub(in crate::detect::runs) fn share_deviation(common: f64, thermal: f64) -> f64 {
+    (COMMON_SPREAD * common).hypot(THERMAL_SPREAD * thermal)
+}
+
 impl Observed {
     /// Friction as a multiple of the baseline, as measured.
     pub(in crate::detect::runs) fn measured_ratio(&self) -> f64 {
         self.ratio * self.common.exp()
     }
 
-    /// Standard error including that of the share in the common part of all joints. Both errors are the same in all
-    /// runs, so averages over runs do not reduce them.
+    /// Standard error including those of the share in the common part of all joints and of the thermal correction. All
+    /// are the same in all runs, so averages over runs do not reduce them.
     pub(in crate::detect::runs) fn uncertainty(&self) -> f64 {
-        self.std_error.hypot(COMMON_SPREAD * self.common * self.ratio)
+        self.std_error.hypot(share_deviation(self.common, self.thermal) * self.ratio)
+    }
+
+    /// The logarithm of friction as measured over the index.
+    pub(in crate::detect::runs) fn correction(&self) -> Option<f64> {
+        self.correction
+    }
+
+    /// The part of it that all joints share, since the baseline.
+    pub(in crate::detect::runs) fn thermal(&self) -> f64 {
+        self.thermal
     }
 
     /// The common part of all joints, in logarithms.
@@ -165,14 +190,18 @@ impl FrictionHistory {
         let has_index = (0..series.len()).any(|run| index(run).is_some());
         // the checked quantity, without an index
         let first = baselines.first();
+        let warm = baselines.iter().find(|baseline| baseline.source == Source::Warm);
         let runs: Vec<Observed> = (0..series.len())
             .filter_map(|run| match index(run) {
                 Some(Estimate { value, std_error }) => {
                     let (source, torque) = (Source::Index, f64::NAN);
+                    let measured = warm.and_then(|baseline| baseline.observed(series, run));
                     Some(Observed {
                         run,
                         ratio: value,
                         common: 0.0,
+                        correction: measured.map(|of| (of.ratio / value).ln()).filter(|of| of.is_finite()),
+                        thermal: 0.0,
                         source,
                         std_error: std_error.max(0.0),
                         measurement_error: std_error.max(0.0),
@@ -252,6 +281,18 @@ impl FrictionHistory {
             for of in self.runs.iter_mut().filter(|of| of.source == source) {
                 of.std_error = of.measurement_error.max(spread * of.relative_scatter);
             }
+        }
+    }
+
+    /// Takes the thermal correction that the other joints share, by run. A run without it is as warm as the one before.
+    pub(in crate::detect::runs) fn with_thermal(&mut self, shared: &[Option<f64>]) {
+        let learnt: Vec<f64> =
+            self.runs.iter().filter(|of| self.is_learnt_from(of)).filter_map(|of| shared[of.run]).collect();
+        let Some(usual) = mean(&learnt) else { return };
+        let mut latest = 0.0;
+        for of in &mut self.runs {
+            latest = shared[of.run].map_or(latest, |of| of - usual);
+            of.thermal = latest;
         }
     }
 
@@ -493,6 +534,8 @@ impl Baseline {
             run,
             ratio: warm.torque / self.torque,
             common: 0.0,
+            correction: None,
+            thermal: 0.0,
             source: self.source,
             std_error: self.spread().0 * relative_scatter,
             measurement_error: 0.0,

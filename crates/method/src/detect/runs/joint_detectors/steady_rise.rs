@@ -9,12 +9,12 @@
 //! * its slope is beyond chance by Student's distribution, with the channel's probability at the set rate of false
 //!   alarms divided by the number of tried beginnings,
 //! * it is three times as likely as a level that jumps at any test,
-//! * it is three standard errors of the joint's share in a change of all joints.
+//! * it is three standard errors of the joint's share in a change of all joints' friction and thermal correction.
 //!
 //! Only the friction index is checked. Seasons change friction torques for months in the same way as wear.
 
 use crate::detect::rate::budget::beyond_chance;
-use crate::detect::runs::history::friction_history::{COMMON_SPREAD, FrictionHistory, Observed, Source};
+use crate::detect::runs::history::friction_history::{FrictionHistory, Observed, Source, share_deviation};
 use crate::detect::runs::history::whitened::Whitened;
 use armwatch_model::analysis::Estimate;
 
@@ -88,8 +88,10 @@ pub(super) fn steady_rise(
     let count = tests.len() - begin;
     let size = fit.size * count as f64;
     let latest = tests.last()?;
-    let before = tests[..begin].iter().map(Observed::common).sum::<f64>() / begin as f64;
-    let of_share = SHARE_ERRORS * COMMON_SPREAD * (latest.common() - before).abs();
+    let since = |part: fn(&Observed) -> f64| {
+        part(latest) - tests[..begin].iter().map(part).sum::<f64>() / begin as f64
+    };
+    let of_share = SHARE_ERRORS * share_deviation(since(Observed::common), since(Observed::thermal));
     let least = least_rise(warning).max(of_share);
     // cheap conditions first
     if size < least || fit.size < beyond_chance(alpha / tried, scatter.freedom) * fit.size_error {
