@@ -11,7 +11,7 @@ use super::alerts::anomaly_texts;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::joints::{named, reasons};
 use super::shared::output;
-use armwatch_config::{Config, Recognition};
+use armwatch_config::Recognition;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
@@ -50,8 +50,8 @@ struct FleetGlance {
     runs: Vec<RunRow>,
     /// Daemons of a database on a server that have a name.
     hosts: Vec<HostRow>,
-    /// The daemon of a database in a file; `None` on a server.
-    daemon: Option<DaemonState>,
+    /// The daemon of the database.
+    daemon: DaemonState,
     /// Watched folders that do not answer.
     unanswered: Vec<UnansweredFolder>,
     /// Tests that are the only one of their robot, and whose names the pattern of file names does not match.
@@ -63,7 +63,7 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
     let now = Timestamp::now();
     let fleet = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let fleet = FleetGlance::read(&store, &config, now).await;
+        let fleet = FleetGlance::read(&store, &config.recognition, now).await;
         store.close().await?;
         fleet
     })?;
@@ -86,8 +86,7 @@ fn host_in_words(row: &HostRow) -> String {
 }
 
 impl FleetGlance {
-    async fn read(store: &Store, config: &Config, now: Timestamp) -> Result<Self, CliError> {
-        let is_on_server = config.database_file().is_none();
+    async fn read(store: &Store, recognition: &Recognition, now: Timestamp) -> Result<Self, CliError> {
         let mut open = anomaly_texts::all(store, now).await?;
         let answered = ANSWERED
             .map(|state| open.iter().filter(|row| is_alarm(row.severity) && row.state == state).count());
@@ -99,9 +98,9 @@ impl FleetGlance {
         hosts.retain(|row| !row.host.is_empty());
         let runs = store.runs().await?;
         Ok(Self {
-            unmatched: unmatched(&runs, &config.recognition),
+            unmatched: unmatched(&runs, recognition),
             hosts,
-            daemon: if is_on_server { None } else { Some(store.daemon().await?) },
+            daemon: store.daemon().await?,
             unanswered: store.unanswered_folders().await?,
             counts: store.counts().await?,
             health: store.fleet_health().await?,
@@ -152,14 +151,14 @@ impl FleetGlance {
             output::line(&format!("daemons     {}", hosts.join(", ")));
         }
         match self.daemon {
-            Some(DaemonState::Absent) => {
+            DaemonState::Absent => {
                 output::line("daemon      none runs on this database; `armwatch run` reads new exports");
             }
-            Some(DaemonState::SilentSince(since)) => {
+            DaemonState::SilentSince(since) => {
                 let since = anomaly_texts::minute(since);
                 output::line(&format!("daemon      no sign of life since {since}: it hangs or was stopped"));
             }
-            Some(DaemonState::AtWork) | None => {}
+            DaemonState::AtWork => {}
         }
         for of in &self.unanswered {
             let host = if of.host.is_empty() { String::new() } else { format!("{}: ", of.host) };
@@ -255,9 +254,9 @@ impl FleetGlance {
         FleetJson {
             unanswered_folders: &self.unanswered,
             hosts: &self.hosts,
-            daemon: self.daemon.map(DaemonState::name),
+            daemon: self.daemon.name(),
             daemon_silent_since: match self.daemon {
-                Some(DaemonState::SilentSince(since)) => Some(time_in_views(since)),
+                DaemonState::SilentSince(since) => Some(time_in_views(since)),
                 _ => None,
             },
             robots: self
@@ -286,7 +285,7 @@ impl FleetGlance {
 struct FleetJson<'a> {
     unanswered_folders: &'a [UnansweredFolder],
     hosts: &'a [HostRow],
-    daemon: Option<&'static str>,
+    daemon: &'static str,
     daemon_silent_since: Option<String>,
     robots: Vec<RobotJson<'a>>,
     anomalies: &'a [AnomalyRow],
