@@ -181,7 +181,10 @@ async fn wrong_dates_end_no_alarm_and_a_robot_is_not_ok_by_them() {
     let ok = count(&store, "SELECT count(*) FROM fleet_health WHERE status IN ('ok', 'learning')").await;
     assert_eq!(ok, 0, "the latest tests say nothing");
     let why = texts(&store, "SELECT DISTINCT reason FROM fleet_health").await;
-    assert!(why[0].starts_with("the date of the latest test") && why[0].contains("2026-01-23 08:47Z"), "{why:?}");
+    assert!(
+        why[0].starts_with("the date of the latest test") && why[0].contains("2026-01-23 08:47Z"),
+        "{why:?}"
+    );
     assert_eq!(count(&store, ALARMS).await, 0, "they show no load");
 }
 

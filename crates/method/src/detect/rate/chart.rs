@@ -79,11 +79,12 @@ mod tests {
         (mean, squares.sqrt() / lengths.len() as f64)
     }
 
+    /// Normal values jump over the limit: by `1 / sum w exp(-0.583 m)` (Siegmund 1985), the mean is about 5 times as long.
     #[test]
     fn the_mean_run_is_at_least_the_one_asked_for() {
         for asked in [150.0, 600.0] {
             let (mean, error) = mean_run(limit(asked), 0.0, 1000, 2);
-            assert!(mean > asked + 3.0 * error && mean < 4.0 * asked, "{asked}: {mean} {error}");
+            assert!(mean > asked + 3.0 * error && mean < 6.0 * asked, "{asked}: {mean} {error}");
         }
     }
 
