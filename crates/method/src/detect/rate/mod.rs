@@ -2,8 +2,8 @@
 //!
 //! The setting is a number of false alarms per robot and year. [`budget`] divides it among the checked quantities and
 //! the tests per year, which gives the mean number of values between two false alarms of each chart. [`average`] turns
-//! that run length into the limit of a moving average, [`chart`] into the limit of a sequential chart. Charts need
-//! values that are independent and normal. [`whitening`] computes these from a series, and `scatter` gives the variance
+//! that run length into the limit of a moving average, `chart` into the limit of a sequential chart. Charts need
+//! values that are independent and normal. `whitening` computes these from a series, and `scatter` gives the variance
 //! of a level.
 
 pub mod budget;
