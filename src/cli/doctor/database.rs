@@ -86,7 +86,7 @@ fn daemon(state: Result<DaemonState, StoreError>) -> DoctorFinding {
         Ok(DaemonState::Absent) => DoctorFinding::ok(CHECK, "no daemon runs on the database"),
         Ok(DaemonState::SilentSince(at)) => DoctorFinding::problem(
             CHECK,
-            format!("the daemon has shown no sign of life since {at}"),
+            format!("the daemon has shown no sign of life since {}", at.strftime("%Y-%m-%d %H:%MZ")),
             "continue its process if it was stopped; otherwise end it and start it again",
         ),
         Err(error) => DoctorFinding::problem(CHECK, error, "check the database"),
