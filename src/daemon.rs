@@ -203,11 +203,6 @@ pub async fn watch(
     Ok(())
 }
 
-/// Reports conclusions from a robot's history.
-fn announce(concluded: &Concluded, report: &mut impl FnMut(DaemonEvent<'_>)) {
-    report(DaemonEvent::Concluded(concluded));
-}
-
 impl RunningDaemon {
     fn new(
         pipeline: &Pipeline,
@@ -297,7 +292,7 @@ impl RunningDaemon {
                     Happened::Progressed => {}
                 },
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
-                Some(judged) = self.open_tests.next() => if let Some(of) = judged? { announce(&of, report) },
+                Some(judged) = self.open_tests.next() => if let Some(of) = judged? { report(DaemonEvent::Concluded(&of)) },
                 is_new = folders.happened() => if is_new { next_look = now },
                 Some(()) = reload.recv() => self.reload(),
                 config = read_again(&mut self.rereading) => if self.reloaded(config) { next_look = now },
@@ -541,7 +536,7 @@ impl RunningDaemon {
             Ok(Conclusion::UpToDate) => self.stale.concluded(&robot),
             Ok(Conclusion::Drawn(concluded)) => {
                 self.stale.concluded(&robot);
-                announce(&concluded, report);
+                report(DaemonEvent::Concluded(&concluded));
             }
         }
         Ok(())

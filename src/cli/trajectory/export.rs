@@ -31,8 +31,10 @@ Examples:
 The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a prismatic joint), with all
 digits. Positions are those that the controller has at its joints: the positions of the programme minus
 position_offset_* of the description. They are on the joint side: gear ratios, [transmission], and signs and units
-of a layout are not applied. --waypoints omits accelerations: position, velocity and time (PVT) for a controller that connects them
-with cubic polynomials. The command prints the largest difference between these and the motion.
+of a layout are not applied.
+
+--waypoints omits accelerations: position, velocity and time (PVT) for a controller that connects them with cubic
+polynomials. The command prints the largest difference between these and the motion.
 
 If the motion breaks a limit of the arm, the exit status is 1 and the command writes nothing.")]
 pub(in crate::cli) struct TrajectoryExportArgs {

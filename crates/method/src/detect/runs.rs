@@ -108,11 +108,8 @@ fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
     let of_contacts: Vec<Vec<Anomaly>> = of_arm.iter().map(contacts_of).collect();
     let is_of_contact = |of: &Anomaly| of_contacts.iter().flatten().any(|contact| explains(contact, of));
     for (joint, of_joint) in (0..joints).map(JointIndex::new).zip(&of_joints) {
-        let is_of_latest =
-            |places: &&Vec<usize>| places.last().is_some_and(|place| place + 1 == history.len());
-        let after = of_joint.iter().find(is_of_latest);
         for (ordinal, places) in of_joint.iter().enumerate() {
-            let is_latest = is_of_latest(&places);
+            let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
             let Some(part) = parts.of(places) else { continue };
             let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
             let series = JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings)
@@ -123,15 +120,9 @@ fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));
             } else {
-                let is_next = after.is_some_and(|after| of_joint.get(ordinal + 1) == Some(after));
-                let is_learning = |after: &&Vec<usize>| {
-                    parts.of(after).is_some_and(|part| part.friction[joint.index()].is_learning())
-                };
-                let after = after.filter(|_| is_next).filter(is_learning);
-                let tests =
-                    |places: &[usize]| places.iter().map(|place| &history[*place]).collect::<Vec<_>>();
-                let persisting = after.map_or_else(Vec::new, |after| tests(after));
-                extend_persisting(&mut found, joint, &tests(places), &persisting, settings);
+                let before: Vec<&RunSummary> = places.iter().map(|place| &history[*place]).collect();
+                let after = learning_after(parts, of_joint, ordinal, joint);
+                extend_persisting(&mut found, joint, &before, &after, settings);
                 found.iter_mut().for_each(|anomaly| anomaly.ended = anomaly.last_run_id != latest.run_id);
             }
             findings.anomalies.extend(found);
@@ -154,6 +145,21 @@ fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
     findings.anomalies.extend(without_result(history));
     findings.expected_by = expected_by(history, settings.overdue_factor);
     findings
+}
+
+/// Tests of the epoch after the one at `ordinal`, if it is the joint's latest and its baseline is not complete.
+fn learning_after<'h>(
+    parts: &Parts<'h>,
+    of_joint: &[Vec<usize>],
+    ordinal: usize,
+    joint: JointIndex,
+) -> Vec<&'h RunSummary> {
+    let is_learning = |places: &&Vec<usize>| {
+        let is_latest = places.last().is_some_and(|place| place + 1 == parts.history.len());
+        is_latest && parts.of(places).is_some_and(|part| part.friction[joint.index()].is_learning())
+    };
+    let after = of_joint.get(ordinal + 1).filter(is_learning);
+    after.into_iter().flatten().map(|place| &parts.history[*place]).collect()
 }
 
 /// Returns true if a contact explains an anomaly of one test alone: the torque of one cycle makes the RMSD swing, and

@@ -1,4 +1,5 @@
-//! Friction over speed: the laws with their terms, columns, names, units and keys in descriptions. `load_friction.rs` has the dependence on load.
+//! Friction over speed: the laws with their terms, columns, names, units and keys in descriptions.
+//! `load_friction.rs` has the dependence on load.
 
 use super::load_friction::LoadFriction;
 

@@ -1,10 +1,11 @@
 //! Friction faults that work did not remove.
 //!
-//! Work begins a new baseline, in which a fault that persists would be usual friction. Until that baseline is complete,
-//! warm friction is compared with the baseline before the work, at the same speed. Its change is the logarithm of the
+//! Work begins a new baseline. A fault that persists would be usual friction in it. Until that baseline is complete, warm
+//! friction is compared with the baseline before the work, at the same speed. Its change is the logarithm of the
 //! ratio of both, less the median of the other joints, which share the temperature. A fault persists while at least half
 //! of the change before the work remains, and no less than a drift that is reported.
 
+use super::health::SAME_SPEED;
 use crate::statistics::descriptive::median;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
@@ -17,8 +18,6 @@ const REMAINING: f64 = 0.5;
 const LATEST_BEFORE: usize = 2;
 /// Fewest other joints for a common change.
 const FEWEST_OTHERS: usize = 3;
-/// Speeds compare within this fraction of the largest.
-const SAME_SPEED: f64 = 1e-3;
 
 /// Extends the anomalies in `found` that the joint's last test before the work still showed, if the tests `after` it show
 /// them too. `before` are the tests of the baseline before the work and all later ones, `after` those of the baseline

@@ -20,7 +20,7 @@ const MOST_OWN_SHARE: f64 = 0.6;
 /// Fewest joints for the comparison of one with the others.
 const FEWEST_JOINTS: usize = 4;
 /// Speeds compare within this fraction of the largest.
-const SAME_SPEED: f64 = 1e-3;
+pub(super) const SAME_SPEED: f64 = 1e-3;
 
 /// State of a joint after the latest test of the history, which is not empty. `found` are the joint's anomalies.
 pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[Anomaly]) -> JointHealth {
